@@ -13,7 +13,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -120,7 +120,7 @@ def _along_its_way(car: Car, config: Config, deceleration: float, grip: float, b
             return wanted
         demand = AxleDemand(stopping.lateral or 0.0, any(car.flats[:2]), any(car.flats[2:]))
         front, rear = axles.shared(wanted, demand, car["vx"])
-        return replace(wanted, brake_front=front, brake_rear=rear)
+        return wanted._replace(brake_front=front, brake_rear=rear)
 
     return drive
 
@@ -136,7 +136,7 @@ def _margin(
     until_s = car.time_s + STANDS_WITHIN_S
     while car.time_s < until_s and not car.standing and referee.worst_margin_m > -FAR_OFF:
         wanted = drive()
-        on_wire, _ = limits.apply(replace(wanted, steering_motor=side * wanted.steering_motor), on_wire)
+        on_wire, _ = limits.apply(wanted._replace(steering_motor=side * wanted.steering_motor), on_wire)
         asked = _commands(limits.to_actuators(on_wire), config)
         did = asked if actuate is None else actuate(asked, did)
         for _ in range(CONTROLLER_STEPS):

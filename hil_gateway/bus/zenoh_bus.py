@@ -52,6 +52,7 @@ class ZenohSubscription(Generic[M]):
         self._topic = topic
         self._subscriber = session.declare_subscriber(topic.key, RingChannel(depth))
         self._depth = depth
+        self._names_sender = "source" in topic.message.model_fields
         self._last: dict[str, tuple[int, int]] = {}
         """by sender: number and stamp of its newest message"""
         self._since_back = SOON
@@ -88,7 +89,7 @@ class ZenohSubscription(Generic[M]):
             log.warning("%s: invalid message no. %d: %s", self._topic, self.invalid, why)
 
     def _count_gap(self, message: M) -> None:
-        sender = str(getattr(message, "source", ""))
+        sender = str(getattr(message, "source", "")) if self._names_sender else ""
         if sender not in self._last and len(self._last) >= SENDERS_MAX:
             return
         last, stamp_ns = self._last.get(sender, (message.seq - 1, 0))

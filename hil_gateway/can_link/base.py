@@ -169,7 +169,8 @@ class SocketLink(ABC):
             for payload, wall_ns, drops in batch.datagrams(count):
                 if drops is not None:
                     self._count_drops(drops)
-                frame = self._parse(payload, max(wall_ns - offset, earliest))
+                stamp_ns = wall_ns - offset
+                frame = self._parse(payload, stamp_ns if stamp_ns > earliest else earliest)
                 if frame is not None:
                     frames.append(frame)
         now_ns = time.monotonic_ns()

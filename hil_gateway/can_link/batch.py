@@ -89,12 +89,12 @@ class BatchReceiver:
 
     def datagrams(self, count: int) -> Iterator[tuple[bytes, int, int | None]]:
         """(payload, kernel stamp in Unix ns, running total of drops if there were any) of the last `receive`."""
-        payloads, start = self._payload_bytes, 0
+        payloads, start = bytes(self._payload_bytes[: count * PAYLOAD_BYTES]), 0
         results = _RESULT.iter_unpack(self._header_bytes[: count * _RESULT.size])
         controls = _CMSG_TIMESTAMP.iter_unpack(self._control_bytes[: count * _CONTROL_BYTES])
         for (control_length, _, length), (_, _, _, seconds, nanoseconds, _, _, _, drops) in zip(
             results, controls, strict=True
         ):
-            payload = bytes(payloads[start : start + length])
+            payload = payloads[start : start + length]
             yield payload, seconds * NS_PER_S + nanoseconds, drops if control_length > _TIMESTAMP_ONLY else None
             start += PAYLOAD_BYTES

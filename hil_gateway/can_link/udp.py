@@ -61,11 +61,11 @@ class UdpLink(SocketLink):
             raise
 
     def _parse(self, payload: bytes, stamp_ns: int) -> Frame | None:
-        if len(payload) < _HEADER.size or not payload.startswith(_MAP_ID):
+        if len(payload) < _HEADER.size:
             return self._parse_foreign(payload, stamp_ns)
-        _, frame_id, channel, sender, sequence_key, sequence, data_key, length = _HEADER.unpack_from(payload)
+        id_key, frame_id, channel, sender, sequence_key, sequence, data_key, length = _HEADER.unpack_from(payload)
         data = payload[_HEADER.size :]
-        ours = sequence_key == _SEQUENCE and data_key == _DATA
+        ours = id_key == _MAP_ID and sequence_key == _SEQUENCE and data_key == _DATA
         if not ours or len(data) != length or length > DLC_MAX or frame_id > _LARGEST.get(channel, -1):
             return self._parse_foreign(payload, stamp_ns)
         if sender == self._sender:

@@ -7,7 +7,7 @@ turns reported pedals into the equivalent d, which is what the estimator learns 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
@@ -21,8 +21,7 @@ def brake_balance(front: float, rear: float) -> float:
     return (front - rear) / max(front + rear, PRESSED)
 
 
-@dataclass(frozen=True, slots=True)
-class ActuatorPositions:
+class ActuatorPositions(NamedTuple):
     """One set of actuator positions, SI: motor angle (rad), pedal (0..1), pressures (Pa), gear (0 neutral)."""
 
     steering_motor: float

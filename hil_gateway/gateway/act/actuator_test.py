@@ -7,7 +7,7 @@ follow (`hil gateway check`), steering to the left first.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from hil_gateway.car.actuation import ActuatorPositions
@@ -44,4 +44,4 @@ def position(elapsed_s: float) -> ActuatorPositions:
     move = MOVES[int(index)]
     value = max(0.0, min(within_s / RAMP_S, 1.0, 3.0 - within_s / RAMP_S)) * move.peak
     changed: dict[str, Any] = {move.actuator: value}
-    return replace(rest, **changed)
+    return rest._replace(**changed)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
@@ -110,10 +110,10 @@ class AxleBrakes:
         if motion.by_wheels and motion.speed > SLIP_FROM:
             self._watch(pressures, self._slips(state, motion))
         if not fails:
-            return replace(wanted, brake_front=min(wanted.brake_front, self._held[0]))
+            return wanted._replace(brake_front=min(wanted.brake_front, self._held[0]))
         limited = (min(pair) for pair in zip(pressures, self._held, strict=True))
         front, rear = (min(p / max(a, WEAKEST), self._most) for p, a in zip(limited, self._answers, strict=True))
-        return replace(wanted, brake_front=front, brake_rear=rear)
+        return wanted._replace(brake_front=front, brake_rear=rear)
 
     @property
     def _weak(self) -> bool:

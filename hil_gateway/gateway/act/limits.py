@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from can_dbc.signals import Place
 from hil_gateway.car.actuation import ActuatorPositions
@@ -23,8 +23,7 @@ FREE = 1 << 32
 """steps: more than any field has"""
 
 
-@dataclass(frozen=True, slots=True)
-class RawCommand:
+class RawCommand(NamedTuple):
     """Raw integers of the actuator signals, as they stand in the frames; 0 where the car has no such signal."""
 
     steering_motor: int
@@ -36,7 +35,7 @@ class RawCommand:
     def with_those_of(self, other: RawCommand, names: Iterable[str]) -> RawCommand:
         """The same with some of another command."""
         changed: dict[str, Any] = {name: getattr(other, name) for name in names}
-        return replace(self, **changed)
+        return self._replace(**changed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +113,7 @@ class Limits:
         asked = self._in_one_circuit(wanted)
         braked = {name: self._apply(name, asked, previous) for name in ("brake_front", "brake_rear")}
         bites = any(self.signals[name].value(raw) > PEDAL_OVERLAP_PA for name, raw in braked.items() if raw is not None)
-        closed = replace(asked, accelerator=0.0) if bites or math.isnan(asked.accelerator) else asked
+        closed = asked._replace(accelerator=0.0) if bites or math.isnan(asked.accelerator) else asked
         others = {name: self._apply(name, closed, previous) for name in ("steering_motor", "accelerator", "gear")}
         command = self._raw({**braked, **others})
         return command, self._changed(asked, command)
@@ -130,7 +129,7 @@ class Limits:
         """What to ask of the front circuit where the rear one follows it: the same force of both together."""
         if self._bias is None:
             return wanted
-        return replace(wanted, brake_front=self._bias * (wanted.brake_front + wanted.brake_rear))
+        return wanted._replace(brake_front=self._bias * (wanted.brake_front + wanted.brake_rear))
 
     def _apply(self, name: str, wanted: ActuatorPositions, previous: RawCommand) -> int | None:
         limit = self.signals.get(name)
@@ -138,7 +137,7 @@ class Limits:
 
     @staticmethod
     def _raw(values: Mapping[str, int | None]) -> RawCommand:
-        return RawCommand(**{name: values.get(name) or 0 for name in RawCommand.__slots__})
+        return RawCommand(**{name: values.get(name) or 0 for name in RawCommand._fields})
 
     def _changed(self, wanted: ActuatorPositions, command: RawCommand) -> tuple[str, ...]:
         sent = self.to_actuators(command)

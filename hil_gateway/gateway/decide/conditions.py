@@ -198,7 +198,7 @@ class Conditions:
             "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),
             "foreign_commands": _holds(builder.foreign_commands(now_ns)),
             "can_silence": builder.silence_s(now_ns),
-            "counters_wrong": _holds(builder.counter_faults.drain(now_ns) >= COUNTER_FAULT),
+            "counters_wrong": _holds(builder.counter_faults.level(now_ns) >= COUNTER_FAULT),
         }
 
     def _without_estimate(self, estimate: Latest[Estimate], now_ns: int) -> float:

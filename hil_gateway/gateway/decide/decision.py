@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.car.states import CtState, SysState
@@ -19,8 +19,7 @@ NOTICED_S = 0.5
 """s after which a car that supervises its commands has noticed their end (it takes 0.2 s), and has said so"""
 
 
-@dataclass(frozen=True, slots=True)
-class Situation:
+class Situation(NamedTuple):
     """Everything a decision depends on besides what was decided before."""
 
     now_ns: int
@@ -34,12 +33,11 @@ class Situation:
     """the car would obey brakes, they are to hold it, and no other computer commands it"""
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(NamedTuple):
     """What is in force; `decide` returns the next one."""
 
-    failsafe: Failsafe = field(default_factory=Failsafe)
-    race_control: RaceControl = field(default_factory=RaceControl)
+    failsafe: Failsafe = Failsafe()
+    race_control: RaceControl = RaceControl()
     restarting: bool = False
     """the ladder starts over, and waits for the car to do so too"""
     silent_cause: str = ""
@@ -102,7 +100,7 @@ def decide(situation: Situation, state: Decision) -> Decision:
 def _explained(situation: Situation, state: Decision) -> Failsafe:
     """Next state of the failsafe; an emergency of the car that an e-kill has caused is named for it."""
     failsafe = state.failsafe.step(situation.conditions)
-    return replace(failsafe, cause=KILL) if _killed(situation, state, failsafe.cause) else failsafe
+    return failsafe._replace(cause=KILL) if _killed(situation, state, failsafe.cause) else failsafe
 
 
 def _killed(situation: Situation, state: Decision, cause: str) -> bool:

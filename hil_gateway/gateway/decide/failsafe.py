@@ -8,8 +8,10 @@ armed again, and a request to arm is an edge that is answered in its period or d
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
+from types import MappingProxyType
+from typing import NamedTuple
 
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 
@@ -202,8 +204,7 @@ ROWS = {row.cause: row for row in TABLE}
 _SEVERITY = {action: rank for rank, action in enumerate(FailsafeAction)}
 
 
-@dataclass(frozen=True, slots=True)
-class Inputs:
+class Inputs(NamedTuple):
     """What the failsafe sees in one period."""
 
     measures: Mapping[str, float]
@@ -213,12 +214,11 @@ class Inputs:
     """a person's request that arrived in this very period"""
     may_arm: bool = True
     """the mode allows commands"""
-    unready: Mapping[str, str] = field(default_factory=dict)
+    unready: Mapping[str, str] = MappingProxyType({})
     """what else stands in the way of arming, and what to do about it, in words"""
 
 
-@dataclass(frozen=True, slots=True)
-class Failsafe:
+class Failsafe(NamedTuple):
     """Latched state; `step` returns the next one."""
 
     action: FailsafeAction = FailsafeAction.SILENT
@@ -280,7 +280,9 @@ def missing_for_arming(inputs: Inputs) -> tuple[str, ...]:
 
 
 def _firing(inputs: Inputs) -> list[Row]:
-    return [row for row in TABLE if row.fires(inputs.measures)]
+    """In order of the table; nearly always none, and a row whose measure is 0 cannot fire."""
+    measures = inputs.measures
+    return [row for row in TABLE if measures.get(row.measure) != 0.0 and row.fires(measures)]
 
 
 def table_markdown() -> str:

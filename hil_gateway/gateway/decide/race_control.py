@@ -6,7 +6,6 @@ Pure: ages and values are arguments, time is an argument.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from hil_gateway.car.states import (
@@ -23,8 +22,7 @@ from hil_gateway.process.clock import NS_PER_S
 HEARTBEAT_TIMEOUT_S = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class LadderInputs:
+class LadderInputs(NamedTuple):
     """What race control and the car said last."""
 
     car_alive: bool
@@ -58,8 +56,7 @@ class Demand(NamedTuple):
     """a person asks for it in this very period, or the mode sends nothing and so cranks nothing"""
 
 
-@dataclass(frozen=True, slots=True)
-class RaceControl:
+class RaceControl(NamedTuple):
     """State of the ladder; `step` returns the next one."""
 
     ct_state: CtState = CtState.POWER_ON

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 from hil_gateway.bus.event import EventKind, Severity
-from hil_gateway.bus.messages import FailsafeAction, OperatorAction, VehicleState
+from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.car.states import (
     KILL_VEHICLE_FLAGS,
     STOP_TRACK_FLAGS,
@@ -41,11 +42,10 @@ class Change:
     unit: str = ""
 
 
-@dataclass(frozen=True)
-class Seen:
+class Seen(NamedTuple):
     """The gateway in one period; the defaults are those of one that has just started."""
 
-    failsafe: Failsafe = field(default_factory=Failsafe)
+    failsafe: Failsafe = Failsafe()
     ct_state: int = CtState.POWER_ON
     sys_state: int = 0
     track_flag: int = TrackFlag.NONE
@@ -62,21 +62,6 @@ class Seen:
     """who sends commands without it"""
     cause: str = ""
     """behind a stop, or behind an emergency while no drive commands are sent"""
-
-    @classmethod
-    def of(  # noqa: PLR0917 - what a period shows
-        cls,
-        failsafe: Failsafe,
-        ct_state: CtState,
-        state: VehicleState,
-        inputs: Inputs,
-        bus_state: str,
-        why: str,
-        second_computer: bool,
-    ) -> Seen:
-        """What the gateway's newest period shows."""
-        flags = state.track_flag, state.vehicle_flag
-        return cls(failsafe, ct_state, state.sys_state, *flags, bus_state, inputs, why, second_computer)
 
 
 def changes(before: Seen, after: Seen) -> Iterator[Change]:

@@ -38,17 +38,16 @@ class EventLog:
     def step(self, now_ns: int, gateway: Gateway, bus_state: str = "error_active") -> None:
         """Publish and write down what is different since the last call."""
         found: list[Change] = []
+        inbox = gateway.inbox
         if gateway.seen is not None:
-            ct_state = gateway.decision.race_control.ct_state
-            second = gateway.builder.foreign_reports(now_ns)
-            seen = Seen.of(gateway.failsafe, ct_state, *gateway.seen, bus_state, gateway.why, second)
-            inbox = gateway.inbox
-            seen = replace(
-                seen, cause=gateway.decision.cause, command_source=inbox.command_source,
-                second_source=inbox.second_source,
+            state, inputs = gateway.seen
+            seen = Seen(
+                gateway.failsafe, gateway.decision.race_control.ct_state, state.sys_state, state.track_flag,
+                state.vehicle_flag, bus_state, inputs, gateway.why, gateway.builder.foreign_reports(now_ns),
+                inbox.command_source, inbox.second_source, gateway.decision.cause,
             )  # fmt: skip
             found, self._seen = list(changes(self._seen, seen)), seen
-        for change in chain(found, self._others.step(now_ns)):
+        for change in chain(found, self._others.step(now_ns, inbox.plan)):
             self._publish(now_ns, change)
 
     def _publish(self, now_ns: int, change: Change) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from hil_gateway.bus.event import EventKind, Severity
 from hil_gateway.bus.interface import Bus, LatestReader
+from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Alert, ModelRevision, Plan, PlanStatus
 from hil_gateway.bus.proposal import ModelProposal, Outcome
 from hil_gateway.bus.topics import (
@@ -14,7 +15,6 @@ from hil_gateway.bus.topics import (
     BELIEF,
     MODEL_PROPOSAL,
     MODEL_REVISION,
-    PLAN,
     RECEIVER_STATUS,
     RECORDER_STATUS,
     Topic,
@@ -26,7 +26,8 @@ from hil_gateway.process.figures import figure
 QUIET_S = 1.0
 """a process whose messages are older than this, or than their own deadline, is worth an entry: a single late message is
 left to the failsafe"""
-WATCHED: dict[str, Topic[Any]] = {"estimator": BELIEF, "planner": PLAN, "recorder": RECORDER_STATUS}
+WATCHED: dict[str, Topic[Any]] = {"estimator": BELIEF, "recorder": RECORDER_STATUS}
+"""beside the planner, whose plans the gateway reads anyway"""
 ALERTS_A_PERIOD, PROPOSALS_A_PERIOD = 8, 4
 REFINED_NS = 60 * NS_PER_S
 """tyres are refined every few seconds while driving: one entry a minute is enough"""
@@ -37,7 +38,7 @@ class OtherProcesses:
 
     def __init__(self, bus: Bus) -> None:
         self._readers = {name: LatestReader(bus, topic) for name, topic in WATCHED.items()}
-        self._alive = dict.fromkeys(WATCHED, False)
+        self._alive: set[str] = set()
         self._revisions = LatestReader(bus, MODEL_REVISION)
         self._alerts = bus.subscribe(ALERT, depth=ALERTS_A_PERIOD)
         self._proposals = bus.subscribe(MODEL_PROPOSAL, depth=PROPOSALS_A_PERIOD)
@@ -51,11 +52,11 @@ class OtherProcesses:
         """progress of the plan where its count of laps was first seen, m"""
         self._stands = False
 
-    def step(self, now_ns: int) -> Iterator[Change]:
-        """Changes since the last call."""
+    def step(self, now_ns: int, planned: Latest[Plan]) -> Iterator[Change]:
+        """Changes since the last call; `planned` as the gateway has read it."""
         for name, reader in self._readers.items():
-            reader.update(now_ns)
-            yield from self._presence(name, now_ns)
+            yield from self._presence(name, reader.update(now_ns), now_ns)
+        yield from self._presence("planner", planned, now_ns)
         yield from self._receiving(now_ns)
         for alert in self._alerts.poll(now_ns):
             yield _alert(alert)
@@ -67,15 +68,14 @@ class OtherProcesses:
             before = self._published.revision
             if self._published.note(now_ns, revision.revision, _effects(revision)):
                 yield _published(before, revision)
-        plan = self._readers["planner"].latest.message
-        if plan is not None:
-            yield from self._plan(now_ns, plan)
+        if planned.message is not None:
+            yield from self._plan(now_ns, planned.message)
 
-    def _presence(self, name: str, now_ns: int) -> Iterator[Change]:
-        age_s, limit_s = self._readers[name].latest.age_s(now_ns), max(WATCHED[name].deadline_s, QUIET_S)
+    def _presence(self, name: str, latest: Latest[Any], now_ns: int) -> Iterator[Change]:
+        age_s, limit_s = latest.age_s(now_ns), max(latest.deadline_s, QUIET_S)
         alive = age_s <= limit_s
-        if alive != self._alive[name]:
-            self._alive[name] = alive
+        if alive != (name in self._alive):
+            self._alive ^= {name}
             yield _appeared(name) if alive else _quiet(name, age_s, limit_s)
 
     def _receiving(self, now_ns: int) -> Iterator[Change]:

@@ -8,7 +8,7 @@ estimator, pull the point back, so that errors cannot add up.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import Course
@@ -37,8 +37,7 @@ LONGEST_S = 0.2
 """longest time bridged at once: an estimate with an older stamp is not used"""
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(NamedTuple):
     """Centre of gravity in the map, m and rad, and speed over ground, m/s."""
 
     x: float
@@ -90,7 +89,7 @@ class DeadReckoning:
     def move_back(self, aside: tuple[float, float]) -> None:
         """What the pose was reckoned from lies so far from the car, m in the map."""
         if self.pose is not None:
-            self.pose = replace(self.pose, x=self.pose.x - aside[0], y=self.pose.y - aside[1])
+            self.pose = self.pose._replace(x=self.pose.x - aside[0], y=self.pose.y - aside[1])
 
     def restart(self, now_ns: int, course: Course) -> Pose:
         """Go on from the fixes alone: what has been reckoned so far used a wrong sensor."""

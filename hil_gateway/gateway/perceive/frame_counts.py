@@ -19,25 +19,18 @@ class LeakyBucket:
 
     leak_ns: int
     highest: int
-    level: int = 0
-    _drained_ns: int = 0
+    empty_ns: int = 0
+    """when it has run dry if nothing is added (the virtual scheduling of ITU-T I.371, annex A)"""
 
     def add(self, now_ns: int) -> None:
         """Count one error."""
-        if self.level:
-            self.level = min(self.drain(now_ns) + 1, self.highest)
-        else:
-            self.level, self._drained_ns = 1, now_ns
+        full_ns, empty_ns = now_ns + self.highest * self.leak_ns, self.empty_ns
+        empty_ns = (now_ns if empty_ns < now_ns else empty_ns) + self.leak_ns
+        self.empty_ns = full_ns if empty_ns > full_ns else empty_ns
 
-    def drain(self, now_ns: int) -> int:
-        """Level at `now_ns`."""
-        if self.level == 0 or now_ns < self._drained_ns:
-            self._drained_ns = now_ns
-            return self.level
-        if leaked := (now_ns - self._drained_ns) // self.leak_ns:
-            self.level = max(self.level - leaked, 0)
-            self._drained_ns += leaked * self.leak_ns
-        return self.level
+    def level(self, now_ns: int) -> int:
+        """What is in it at `now_ns`, begun errors counted whole."""
+        return max(-((now_ns - self.empty_ns) // self.leak_ns), 0)
 
 
 @dataclass(slots=True)
@@ -58,10 +51,7 @@ class Senders:
 
     def __init__(self, periods: Mapping[int, float]) -> None:
         """`periods`: identifier -> declared period, s."""
-        self._surplus = {
-            identifier: (LeakyBucket(round(period * NS_PER_S / OVER), highest=2 * _most(period)), _most(period))
-            for identifier, period in periods.items()
-        }
+        self._surplus = {identifier: _surplus(period) for identifier, period in periods.items()}
         self.doubled: set[int] = set()
         """identifiers that more than one sender sends, as of their newest frames"""
 
@@ -70,13 +60,15 @@ class Senders:
         known = self._surplus.get(identifier)
         if known is None:
             return
-        bucket, most = known
+        bucket, most_ns = known
         bucket.add(now_ns)
-        if bucket.level >= most:
+        if bucket.empty_ns - now_ns > most_ns:
             self.doubled.add(identifier)
         elif self.doubled:
             self.doubled.discard(identifier)
 
 
-def _most(period_s: float) -> int:
-    return max(round(SURPLUS_S / period_s), 5)
+def _surplus(period_s: float) -> tuple[LeakyBucket, int]:
+    """Of frames with this period, and ns to run dry from which on they are too many."""
+    most, leak_ns = max(round(SURPLUS_S / period_s), 5), round(period_s * NS_PER_S / OVER)
+    return LeakyBucket(leak_ns, highest=2 * most), (most - 1) * leak_ns

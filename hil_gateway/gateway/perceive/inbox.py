@@ -29,8 +29,11 @@ class Inbox:
 
     def __init__(self, bus: Bus, latency_max_s: float) -> None:
         """`latency_max_s`: commands about older states are not taken."""
-        self._commands = [bus.subscribe(t, depth=COMMAND_QUEUE) for t in (topics.COMMAND, topics.ROS2_COMMAND)]
-        self._by_hand = bus.subscribe(topics.JOYSTICK_COMMAND, depth=COMMAND_QUEUE)
+        self._commands = [
+            (bus.subscribe(topic, depth=COMMAND_QUEUE), topic is topics.JOYSTICK_COMMAND)
+            for topic in (topics.COMMAND, topics.ROS2_COMMAND, topics.JOYSTICK_COMMAND)
+        ]
+        """and whether a person gives them"""
         self._operator = bus.subscribe(topics.OPERATOR, depth=OPERATOR_QUEUE)
         self._navigation = bus.subscribe(topics.NAVIGATION, depth=NAVIGATION_QUEUE)
         self._plan = LatestReader(bus, topics.PLAN)
@@ -60,8 +63,7 @@ class Inbox:
 
     def read_commands(self, now_ns: int, armed: bool) -> None:
         """Offer every command that arrived to the gate."""
-        sources = (*((source, False) for source in self._commands), (self._by_hand, True))
-        for command, by_hand in ((c, by_hand) for source, by_hand in sources for c in source.poll(now_ns)):
+        for command, by_hand in [(c, by_hand) for source, by_hand in self._commands for c in source.poll(now_ns)]:
             refusal = self.gate.offer(command, now_ns, armed, by_hand=by_hand)
             if refusal is not None:
                 self.refused[refusal] = self.refused.get(refusal, 0) + 1

@@ -31,6 +31,8 @@ class Received:
     deadline_ns: int
     repeatable: bool
     """the same bytes again say the same again: no counter, no new fix, no sensor that may hang"""
+    modulus: int
+    """of its counter; 0: it does not count"""
     checks: tuple[Check, ...] = ()
     stamp_ns: int | None = None
     data: bytes | None = None
@@ -94,6 +96,7 @@ def received_messages(car: Car, newest: Values, fixes: Fixes) -> dict[int, Recei
             limits=_limits(codec, quantities),
             deadline_ns=round(layout.deadline_s * NS_PER_S),
             repeatable=layout.counter is None and not hangs,
+            modulus=layout.counter.modulus if layout.counter is not None else 0,
             checks=checks.of(quantities),
         )
     return found

@@ -87,6 +87,7 @@ class VehicleStateBuilder:
     def take(self, frames: Iterable[Frame], now_ns: int) -> None:
         """Take in frames, oldest first."""
         for frame in frames:
+            self.counts.received += 1
             self._take_one(frame, now_ns)
 
     def hear(self, messages: Iterable[Navigation], now_ns: int) -> None:
@@ -219,29 +220,29 @@ class VehicleStateBuilder:
         return now_ns if self._newest_ns is None else min(self._newest_ns, now_ns)
 
     def _take_one(self, frame: Frame, now_ns: int) -> None:
-        self.counts.received += 1
         if frame.is_error:
             self.counts.errors += 1
             return
-        entry = self._received.get(frame.id)
-        self.senders.add(frame.id, now_ns)
+        entry, data = self._received.get(frame.id), frame.data
         if entry is None:
             self._take_foreign(frame, now_ns)
             return
+        self.senders.add(frame.id, now_ns)
         stamp_ns = frame.stamp_ns if frame.stamp_ns < now_ns else now_ns
-        if entry.repeatable and frame.data == entry.data:
+        if entry.repeatable and data == entry.data:
             entry.stamp_ns = self._newest_ns = stamp_ns
             self.counts.implausible += not entry.plausible
             return
-        values = entry.decode(frame.data)
+        values = entry.decode(data)
         if isinstance(values, Fault):
             self.counts.malformed += 1
             return
-        self._check_counter(entry, values, now_ns)
-        entry.repeats = entry.repeats + 1 if frame.data == entry.data else 0
+        if entry.modulus:
+            self._check_counter(entry, int(values[COUNTER]), now_ns)
+        entry.repeats = entry.repeats + 1 if data == entry.data else 0
         entry.stamp_ns = self._newest_ns = stamp_ns
-        entry.data = frame.data
-        entry.plausible = self._plausible(entry, values)
+        entry.data = data
+        entry.plausible = _plausible(entry, values)
         if entry.plausible and self._latitude in values:
             self._take_position(entry, values, stamp_ns)
         if entry.plausible:
@@ -278,24 +279,14 @@ class VehicleStateBuilder:
             if int(values["ct_state"]) == self._emergency:
                 self._foreign_emergency_ns = now_ns
 
-    def _check_counter(self, entry: Received, values: Mapping[str, float], now_ns: int) -> None:
-        counter = entry.layout.counter
-        if counter is None:
-            return
-        value = int(values[COUNTER])
+    def _check_counter(self, entry: Received, value: int, now_ns: int) -> None:
         if entry.counter is not None:
-            gap = (value - entry.counter - 1) % counter.modulus
+            gap = (value - entry.counter - 1) % entry.modulus
             if gap:
                 self.counts.counter_errors += 1
                 self.counter_faults.add(now_ns)
-                self.counts.lost += gap if gap < counter.modulus // 2 else 0  # more: repeated or late, not lost
+                self.counts.lost += gap if gap < entry.modulus // 2 else 0  # more: repeated or late, not lost
         entry.counter = value
-
-    def _plausible(self, entry: Received, values: Mapping[str, float]) -> bool:
-        for name, low, high in entry.limits:
-            if not low <= values[name] <= high:
-                return False
-        return not entry.checks or all(check(entry, values) for check in entry.checks)
 
     def _health(self, entries: tuple[Received, ...], now_ns: int) -> SourceHealth:
         """As old as its oldest message; valid when every message is in time, plausible and from one sender."""
@@ -308,6 +299,13 @@ class VehicleStateBuilder:
             valid = valid and entry.plausible and in_time and not (doubled and entry.layout.id in doubled)
             oldest_ns = min(oldest_ns, stamp_ns)
         return SourceHealth(age_s=(now_ns - oldest_ns) / NS_PER_S, valid=valid)
+
+
+def _plausible(entry: Received, values: Mapping[str, float]) -> bool:
+    for name, low, high in entry.limits:
+        if not low <= values[name] <= high:
+            return False
+    return not entry.checks or all(check(entry, values) for check in entry.checks)
 
 
 _NEVER_HEARD = SourceHealth(age_s=None, valid=False)

@@ -66,20 +66,20 @@ def test_what_is_admissible_is_not_called_limited():
 @pytest.mark.parametrize(
     ("wanted", "name", "expected"),
     [
-        (replace(REST, steering_motor=11 * STEERING), "steering_motor", {"steering_motor": 10}),
-        (replace(REST, steering_motor=-11 * STEERING), "steering_motor", {"steering_motor": -10}),
-        (replace(REST, accelerator=0.0402), "accelerator", {"accelerator": 400}),
-        (replace(REST, accelerator=-0.5), "accelerator", {}),
-        (replace(REST, brake_front=1.802e6), "brake_front", {"brake_front": 1800}),
-        (replace(REST, brake_rear=1.802e6), "brake_rear", {"brake_rear": 1800}),
-        (replace(REST, gear=3), "gear", {"gear": 2}),
-        (replace(REST, steering_motor=math.nan), "steering_motor", {}),
-        (replace(REST, accelerator=math.nan), "accelerator", {}),
+        (REST._replace(steering_motor=11 * STEERING), "steering_motor", {"steering_motor": 10}),
+        (REST._replace(steering_motor=-11 * STEERING), "steering_motor", {"steering_motor": -10}),
+        (REST._replace(accelerator=0.0402), "accelerator", {"accelerator": 400}),
+        (REST._replace(accelerator=-0.5), "accelerator", {}),
+        (REST._replace(brake_front=1.802e6), "brake_front", {"brake_front": 1800}),
+        (REST._replace(brake_rear=1.802e6), "brake_rear", {"brake_rear": 1800}),
+        (REST._replace(gear=3), "gear", {"gear": 2}),
+        (REST._replace(steering_motor=math.nan), "steering_motor", {}),
+        (REST._replace(accelerator=math.nan), "accelerator", {}),
     ],
 )
 def test_each_limit_is_named_when_it_acts(wanted, name, expected):
     command, changed = LIMITS.apply(wanted, STILL)
-    assert command == replace(STILL, **expected)
+    assert command == STILL._replace(**expected)
     assert changed == (name,)
 
 
@@ -89,8 +89,8 @@ def test_a_command_takes_some_signals_from_another():
 
 
 def test_half_a_step_is_rounding_and_a_whole_one_is_a_limit():
-    _, rounded = LIMITS.apply(replace(REST, brake_front=1_800_499.0), STILL)
-    _, limited = LIMITS.apply(replace(REST, brake_front=1_801_000.0), STILL)
+    _, rounded = LIMITS.apply(REST._replace(brake_front=1_800_499.0), STILL)
+    _, limited = LIMITS.apply(REST._replace(brake_front=1_801_000.0), STILL)
     assert (rounded, limited) == ((), ("brake_front",))
 
 
@@ -165,7 +165,7 @@ def test_where_the_rear_brakes_follow_the_front_ones_the_force_is_the_same():
         powertrain=CAR.powertrain, actuators=CAR.actuators, vehicle=CAR.vehicle, codec=SimpleNamespace(signals=one)
     )
     limits = Limits(car, LimitConfig().within(CAR))
-    command, changed = limits.apply(replace(REST, brake_front=0.3e6, brake_rear=0.7e6), STILL)
+    command, changed = limits.apply(REST._replace(brake_front=0.3e6, brake_rear=0.7e6), STILL)
     sent = limits.to_actuators(command)
     assert (command.brake_front, command.brake_rear, changed) == (540, 0, ())
     assert sent.brake_front + sent.brake_rear == pytest.approx(1.0e6)

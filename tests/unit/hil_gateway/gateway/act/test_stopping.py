@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -347,7 +346,7 @@ def test_a_car_beside_its_way_gets_the_grip_that_leads_it_back(rig):
 
 def test_a_bend_that_is_too_fast_gets_its_brakes_all_the_same(rig):
     stop, pose = on_a_circle(rig)
-    drives = [stop.command(motion(45.0), replace(pose, speed=45.0, yaw=yaw), emergency=True)[1] for yaw in (0.1, 0.0)]
+    drives = [stop.command(motion(45.0), pose._replace(speed=45.0, yaw=yaw), emergency=True)[1] for yaw in (0.1, 0.0)]
     assert drives[1] == pytest.approx(drives[0], rel=0.05)
 
 
@@ -379,7 +378,7 @@ def test_a_stop_at_speed_steers_by_where_the_car_goes_not_by_where_it_points(rig
     slip, steers = VEHICLE.lr * turning.yaw_rate / turning.speed - 0.04, []
     for nose, going in ((0.0, 0.0), (0.04, slip), (0.04, 0.0)):
         stop, pose = on_a_circle(rig)
-        steers.append(stop.command(turning, replace(pose, yaw=pose.yaw + nose, slip=going), emergency=False)[0])
+        steers.append(stop.command(turning, pose._replace(yaw=pose.yaw + nose, slip=going), emergency=False)[0])
     assert steers[1] == pytest.approx(steers[0], abs=4e-3)
     assert steers[2] < steers[0] - 0.01
 

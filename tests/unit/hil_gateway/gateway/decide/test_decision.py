@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 
@@ -39,7 +38,7 @@ def test_a_row_does_while_silent_what_its_column_says(row):
 
 
 def test_an_emergency_of_the_car_does_not_hold_a_ladder_that_starts_over():
-    for starting in (silent(CtState.INIT), replace(silent(CtState.NOMINAL_RACE), restarting=True)):
+    for starting in (silent(CtState.INIT), silent(CtState.NOMINAL_RACE)._replace(restarting=True)):
         ct_state = decide(situation("car_emergency"), starting).race_control.ct_state
         assert ct_state is not CtState.EMERGENCY
         assert decide(situation("foreign_emergency"), starting).race_control.ct_state is CtState.EMERGENCY
@@ -54,12 +53,12 @@ def test_the_first_cause_of_a_silent_emergency_keeps_its_name():
 @pytest.mark.parametrize("armed", [True, False])
 @pytest.mark.parametrize(("after_s", "named"), [(0.1, "vehicle_flag_kill"), (3.0, "car_emergency")])
 def test_an_e_kill_that_the_car_obeys_before_it_says_so_gives_its_name(armed, after_s, named):
-    first = replace(silent(CtState.NOMINAL_RACE), calm_ns=10**9)
-    first = replace(first, failsafe=Failsafe(FailsafeAction.DRIVE)) if armed else first
+    first = silent(CtState.NOMINAL_RACE)._replace(calm_ns=10**9)
+    first = first._replace(failsafe=Failsafe(FailsafeAction.DRIVE)) if armed else first
     emergency = decide(situation("car_emergency"), first)
     assert emergency.cause == "car_emergency"
-    both = replace(situation("car_emergency"), now_ns=10**9 + round(after_s * 1e9))
-    both = replace(both, conditions=replace(both.conditions, measures={**both.conditions.measures, KILL: math.inf}))
+    both = situation("car_emergency")._replace(now_ns=10**9 + round(after_s * 1e9))
+    both = both._replace(conditions=both.conditions._replace(measures={**both.conditions.measures, KILL: math.inf}))
     assert decide(both, emergency).cause == named
 
 
@@ -76,14 +75,14 @@ def test_disarming_a_standing_car_starts_the_ladder_over_until_the_car_is_there_
     after = decide(situation(request=OperatorAction.DISARM), armed)
     assert after.restarting and after.race_control.ct_state is CtState.INIT
     assert decide(situation(), after).restarting
-    back = replace(situation(), ladder=replace(LADDER, sys_state=2))
+    back = situation()._replace(ladder=LADDER._replace(sys_state=2))
     assert decide(back, after).restarting, "the car may not have noticed yet that the commands have ended"
-    assert not decide(replace(back, now_ns=10**9 + 600_000_000), after).restarting
+    assert not decide(back._replace(now_ns=10**9 + 600_000_000), after).restarting
 
 
 @pytest.mark.parametrize("ct_state", [CtState.CRANK_READY, CtState.CRANKING, CtState.NOMINAL_RACE])
 def test_a_car_that_starts_over_takes_the_ladder_with_it(ct_state):
-    back = replace(situation(), ladder=replace(LADDER, sys_state=1))
+    back = situation()._replace(ladder=LADDER._replace(sys_state=1))
     assert decide(back, silent(ct_state)).race_control.ct_state is CtState.INIT
     assert decide(back, silent(CtState.ACTUATOR_TEST)).race_control.ct_state is CtState.ACTUATOR_TEST
 
@@ -93,7 +92,7 @@ def test_disarming_a_car_that_is_held_keeps_the_engine(cause):
     action = FailsafeAction.CONTROLLED_STOP if cause else FailsafeAction.DRIVE
     armed = Decision(Failsafe(action, cause), RaceControl(CtState.NOMINAL_RACE, 0, 10**9))
     disarming = situation(request=OperatorAction.DISARM)
-    after = decide(replace(disarming, may_hold=True), armed)
+    after = decide(disarming._replace(may_hold=True), armed)
     assert after.holding and not after.restarting
     assert after.race_control.ct_state is CtState.NOMINAL_RACE
     assert decide(disarming, armed).restarting, "commands end, and the car sees it"
@@ -103,6 +102,6 @@ def test_disarming_a_car_that_is_held_keeps_the_engine(cause):
 @pytest.mark.parametrize("may_hold", [True, False])
 def test_brakes_hold_until_the_ladders_begin_anew(ct_state, may_hold):
     before = silent(ct_state)
-    assert decide(replace(situation(), may_hold=may_hold), before).holding == may_hold
-    disarmed = decide(replace(situation(request=OperatorAction.DISARM), may_hold=may_hold), before)
+    assert decide(situation()._replace(may_hold=may_hold), before).holding == may_hold
+    disarmed = decide(situation(request=OperatorAction.DISARM)._replace(may_hold=may_hold), before)
     assert disarmed.holding == (may_hold and ct_state is not CtState.EMERGENCY)

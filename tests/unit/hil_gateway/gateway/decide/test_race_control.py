@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from hil_gateway.car.states import CtState, stronger_track_flag, stronger_vehicle_flag
@@ -24,7 +22,7 @@ def at(ct: CtState, inputs: LadderInputs, demand: Demand = CALM) -> CtState:
     [(1, 1, 0), (2, 2, 1), (3, 4, 3), (4, 5, 4), (5, 8, 7), (6, 8, 7), (7, 9, 8)],
 )
 def test_each_rung_waits_for_the_car(ct, needed, below):
-    waiting, answered = replace(INPUTS, sys_state=below), replace(INPUTS, sys_state=needed)
+    waiting, answered = INPUTS._replace(sys_state=below), INPUTS._replace(sys_state=needed)
     expected = CtState.NOMINAL_RACE if ct == 7 else CtState(ct + 1)
     assert at(CtState(ct), answered, CRANKED) is expected
     assert at(CtState(ct), waiting, CRANKED) is CtState(ct)
@@ -33,16 +31,16 @@ def test_each_rung_waits_for_the_car(ct, needed, below):
 @pytest.mark.parametrize("ct", range(1, 8))
 @pytest.mark.parametrize("sys_state", [10, 16, 18, 0])
 def test_a_car_that_is_not_on_the_ladder_does_not_lift_it(ct, sys_state):
-    assert at(CtState(ct), replace(INPUTS, sys_state=sys_state)) <= ct
+    assert at(CtState(ct), INPUTS._replace(sys_state=sys_state)) <= ct
 
 
 def test_the_engine_is_not_cranked_without_the_switch_at_the_car():
-    assert at(CtState.CRANK_READY, replace(INPUTS, mode_switch=False), CRANKED) is CtState.CRANK_READY
+    assert at(CtState.CRANK_READY, INPUTS._replace(mode_switch=False), CRANKED) is CtState.CRANK_READY
 
 
 @pytest.mark.parametrize("sys_state", range(1, 19))
 def test_the_engine_is_not_cranked_without_a_person_s_request(sys_state):
-    inputs = replace(INPUTS, sys_state=sys_state)
+    inputs = INPUTS._replace(sys_state=sys_state)
     assert at(CtState.CRANK_READY, inputs) is CtState.CRANK_READY
     would = at(CtState.CRANK_READY, inputs, CRANKED) is CtState.CRANKING
     assert would == (missing_for_crank(CtState.CRANK_READY, inputs) == ())
@@ -53,7 +51,7 @@ def test_the_engine_is_not_cranked_without_a_person_s_request(sys_state):
     {"heartbeat_age_s": 9.0, "heartbeat": 0},
 ])  # fmt: skip
 def test_driving_needs_race_control_s_release(change):
-    inputs = replace(INPUTS, sys_state=8, **change)
+    inputs = INPUTS._replace(sys_state=8, **change)
     control = RaceControl(CtState.RACE_READY, heartbeat=0, beat_ns=0)
     assert control.step(2_000_000_000, inputs, CALM).ct_state is CtState.RACE_READY
 
@@ -61,7 +59,7 @@ def test_driving_needs_race_control_s_release(change):
 @pytest.mark.parametrize(("change", "pace"), [({}, 9), ({"track_flag": 9}, 8), ({"vehicle_flag": 7}, 8)])
 def test_flags_set_the_pace(change, pace):
     for ct in (CtState.CAUTION, CtState.NOMINAL_RACE):
-        assert at(ct, replace(INPUTS, **change)) == pace
+        assert at(ct, INPUTS._replace(**change)) == pace
 
 
 def test_a_stop_is_left_by_arming_only():
@@ -84,7 +82,7 @@ def test_a_repeated_heartbeat_is_a_frozen_one():
     control = control.step(0, INPUTS, CALM)
     control = control.step(400_000_000, INPUTS, CALM)
     assert control.heartbeat_frozen_s(400_000_000) == pytest.approx(0.4)
-    control = control.step(450_000_000, replace(INPUTS, heartbeat=2), CALM)
+    control = control.step(450_000_000, INPUTS._replace(heartbeat=2), CALM)
     assert control.heartbeat_frozen_s(450_000_000) == 0.0
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 from support.cars.scripted_car import Rig
@@ -77,7 +76,7 @@ def test_with_nothing_reported_the_car_turns_as_its_understeer_has_been_learnt(s
 def test_with_nothing_reported_the_car_turns_a_tenth_of_a_second_after_its_command() -> None:
     reader, straight = MotionReader(CAR, PER_PA), ActuatorPositions(0.0, 0.1, 0.0, 0.0, 3)
     now_ns = run(reader, driving(30.0, 0.0, sources=True), 1.0, 0, straight)
-    turning = replace(straight, steering_motor=CAR.steering_ratio * 0.05)
+    turning = straight._replace(steering_motor=CAR.steering_ratio * 0.05)
     now_ns = run(reader, driving(30.0, 0.0, sources=False), 0.09, now_ns, turning)
     assert reader.motion.yaw_rate == 0.0
     run(reader, driving(30.0, 0.0, sources=False), 0.5, now_ns, turning)
@@ -89,9 +88,8 @@ def test_with_nothing_reported_the_brakes_take_half_of_the_understeer() -> None:
     reader, half_pa = MotionReader(CAR, PER_PA), 0.5 * 6.0 * CAR.mass / PER_PA
     rolling = ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
     now_ns = run(reader, driving(speed, steer, sources=True), 6.0, 0, rolling)
-    run(reader, driving(speed, steer, sources=False), 0.5, now_ns, replace(
-        rolling, accelerator=0.0, brake_front=half_pa, brake_rear=half_pa
-    ))  # fmt: skip
+    braking = rolling._replace(accelerator=0.0, brake_front=half_pa, brake_rear=half_pa)
+    run(reader, driving(speed, steer, sources=False), 0.5, now_ns, braking)
     turns = reader.motion.speed * math.tan(steer) / (CAR.wheelbase + 0.5 * UNDERSTEER * reader.motion.speed**2)
     assert reader.motion.yaw_rate == pytest.approx(turns, rel=0.06)
 
