@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import socket
 from collections import Counter as Counts
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ from can_dbc.units import UNITS, Unit
 
 DEADLINE_PERIODS = 5
 """Age at which a message counts as lost where `bus.toml` names none, periods."""
-EXTENDED = 1 << 31
+EXTENDED = socket.CAN_EFF_FLAG
 """set in the identifier of a 29-bit frame"""
 DLC_MAX = 8
 """bytes of a classic frame"""
@@ -262,7 +263,7 @@ def _messages(dbc: str, bus: BusFile) -> Iterator[BusMessage]:
 
 def _message(head: re.Match[str], signals: tuple[Signal, ...], bus: BusFile) -> BusMessage:
     name, number, dlc, sender = head["name"], int(head["id"]), int(head["dlc"]), head["sender"]
-    if number & ~EXTENDED > (0x1FFF_FFFF if number & EXTENDED else 0x7FF):
+    if number & ~EXTENDED > (socket.CAN_EFF_MASK if number & EXTENDED else socket.CAN_SFF_MASK):
         remedy = "" if number & EXTENDED else "; a 29-bit one is written with bit 31 set (2147483648 added)"
         raise PlatformError(f"{name}: identifier {number} has more than {29 if number & EXTENDED else 11} bits{remedy}")
     if not 1 <= dlc <= DLC_MAX:

@@ -37,10 +37,10 @@ STATES = (
     "drift_y",
     "heading_turn",
 )
-X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, GRADE_SHARE, BANK_SHARE = range(11)
-IMU_TURN, IMU_AHEAD, DRIFT_X = range(11, 14)
-"""followed by that along y"""
-HEADING_TURN = len(STATES) - 1
+(
+    X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, GRADE_SHARE, BANK_SHARE,
+    IMU_TURN, IMU_AHEAD, DRIFT_X, DRIFT_Y, HEADING_TURN,
+) = range(len(STATES))  # fmt: skip
 
 
 def rear_slip_yield(tyres: TyrePrior) -> float:

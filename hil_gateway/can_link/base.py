@@ -14,7 +14,7 @@ from typing import Protocol
 from hil_gateway.can_link.batch import SLOTS, SO_RXQ_OVFL, SO_TIMESTAMPNS, BatchReceiver
 from hil_gateway.process.clock import NS_PER_S, wall_offset_ns
 
-EXTENDED_ID = 0x8000_0000
+EXTENDED_ID = socket.CAN_EFF_FLAG
 """Set in `Frame.id` of 29-bit identifiers, so that none can pass for an 11-bit one."""
 RECEIVE_BUFFER_BYTES = 8 * 1024 * 1024
 """Asked of the kernel: some 10,000 frames, more than a second of a full 1 Mbit/s bus."""

@@ -15,8 +15,6 @@ from pathlib import Path
 from hil_gateway.can_link.base import EXTENDED_ID, BusState, Frame, SocketLink, prepare
 
 _FRAME = struct.Struct("=IB3x8s")  # struct can_frame of <linux/can.h>
-_REMOTE, _ERROR = 0x4000_0000, 0x2000_0000
-_STANDARD_MASK, _EXTENDED_MASK, _ERROR_MASK = 0x7FF, 0x1FFF_FFFF, 0x1FFF_FFFF
 _IFF_UP = 1
 
 # <linux/can/error.h>: class bits of the identifier, then bits of data[1] for controller problems
@@ -52,15 +50,15 @@ class SocketCanLink(SocketLink):
 
     def _parse(self, payload: bytes, stamp_ns: int) -> Frame | None:
         flagged_id, length, data = _FRAME.unpack(payload)
-        if flagged_id <= _STANDARD_MASK:
+        if flagged_id <= socket.CAN_SFF_MASK:
             return Frame(flagged_id, data[:length], stamp_ns)
-        if flagged_id & _ERROR:
+        if flagged_id & socket.CAN_ERR_FLAG:
             self._count_error(flagged_id, data)
-            return Frame(flagged_id & _ERROR_MASK, data[:length], stamp_ns, is_error=True)
-        if flagged_id & _REMOTE:
+            return Frame(flagged_id & socket.CAN_ERR_MASK, data[:length], stamp_ns, is_error=True)
+        if flagged_id & socket.CAN_RTR_FLAG:
             self.counts.malformed += 1
             return None
-        return Frame(flagged_id & _EXTENDED_MASK | EXTENDED_ID, data[:length], stamp_ns)
+        return Frame(flagged_id & socket.CAN_EFF_MASK | EXTENDED_ID, data[:length], stamp_ns)
 
     def _pack(self, frame_id: int, data: bytes) -> bytes:
         return _FRAME.pack(frame_id, len(data), data)

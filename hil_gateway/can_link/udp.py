@@ -14,11 +14,11 @@ import socket
 from struct import Struct
 from typing import Any
 
+from can_dbc.database import DLC_MAX
 from hil_gateway.can_link.base import EXTENDED_ID, Frame, SocketLink, prepare
 
 _IP_MULTICAST_ALL = 49
 _LOOPBACK = "127.0.0.1"
-STANDARD_ID_MAX, EXTENDED_ID_MAX, DLC_MAX = 0x7FF, 0x1FFF_FFFF, 8
 SENDERS_REMEMBERED = 64
 """Bound of the table of sequence numbers."""
 
@@ -26,7 +26,7 @@ SENDERS_REMEMBERED = 64
 _MAP_ID = b"\x85\xaearbitration_id\xce"
 _CHANNEL = b"\xaeis_extended_id\xc2\xa7channel\xac"
 _EXTENDED_CHANNEL = _CHANNEL.replace(b"\xc2", b"\xc3", 1)
-_LARGEST = {_CHANNEL: STANDARD_ID_MAX, _EXTENDED_CHANNEL: EXTENDED_ID_MAX}
+_LARGEST = {_CHANNEL: socket.CAN_SFF_MASK, _EXTENDED_CHANNEL: socket.CAN_EFF_MASK}
 """whether it is an extended one -> largest identifier"""
 _SEQUENCE = b"\xa9timestamp\xcf"
 _DATA = b"\xa4data\xc4"
@@ -113,7 +113,7 @@ class UdpLink(SocketLink):
 def _classic_frame(fields: dict[str, Any], stamp_ns: int) -> Frame:
     """A frame from the fields of a `can.Message`; ValueError or what comes of it when it is none."""
     frame_id, data = fields["arbitration_id"], fields["data"]
-    if not 0 <= frame_id <= EXTENDED_ID_MAX or not isinstance(data, bytes) or len(data) > DLC_MAX:
+    if not 0 <= frame_id <= socket.CAN_EFF_MASK or not isinstance(data, bytes) or len(data) > DLC_MAX:
         raise ValueError("not a classic frame")
     if fields.get("is_remote_frame") or fields.get("is_fd"):
         raise ValueError("not a data frame")

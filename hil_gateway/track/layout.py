@@ -50,8 +50,8 @@ from hil_gateway.process.model import Model
 from hil_gateway.text_file import read_toml
 from hil_gateway.track.pit_lane import LaneSurvey
 from hil_gateway.track.smoothing import Survey
+from hil_gateway.track.track import SPACING_M
 
-STEP_M = 1.0
 LANE_STEP_M = 5.0
 STRETCH_MAX = 0.35
 Sides = float | tuple[float, float]
@@ -156,7 +156,7 @@ def _lay_out(path: Path, layout: Layout) -> Survey:
 
 
 def _lane(path: Path, lane: LaneLayout, x: Array, y: Array) -> LaneSurvey:
-    """Points of the pit lane beside the closed line x, y of points about `STEP_M` apart.
+    """Points of the pit lane beside the closed line x, y of points about `SPACING_M` apart.
 
     Raises:
         InputError: its points are not in driving order.
@@ -176,7 +176,7 @@ def _lane(path: Path, lane: LaneLayout, x: Array, y: Array) -> LaneSurvey:
 
 
 class _Beside:
-    """Places beside a closed line x, y of points about `STEP_M` apart."""
+    """Places beside a closed line x, y of points about `SPACING_M` apart."""
 
     def __init__(self, x: Array, y: Array) -> None:
         self._line = np.array([x, y])
@@ -215,7 +215,7 @@ def _curvature(segment: Segment, length: float, u: Array) -> Array:
 def _samples(layout: Layout, lengths: list[float]) -> list[tuple[Array, Array, Array, Array]]:
     """Curvature, bank, right and left width of every segment at the middle of equal steps of the whole lap."""
     total = sum(lengths)
-    count = round(total / STEP_M)
+    count = round(total / SPACING_M)
     middle = (np.arange(count) + 0.5) * (total / count)
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
     out, segments = [], layout.segment

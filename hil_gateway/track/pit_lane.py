@@ -13,9 +13,8 @@ import numpy as np
 
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
-from hil_gateway.track.track import Box, PitLane, Track
+from hil_gateway.track.track import SPACING_M, Box, PitLane, Track
 
-STEP_M = 1.0
 LONGEST = 0.5
 """of the lap"""
 DEFAULT_SPEED = 20.0
@@ -58,7 +57,7 @@ def lane_along(track: Track, survey: LaneSurvey) -> PitLane:
         raise InputError(f"{survey.source}: the pit lane does not run along the track; its points are in driving order")
     if (length := s[-1] - s[0]) > LONGEST * track.length:
         raise InputError(f"{survey.source}: the pit lane is {length:.0f} m long, of a lap of {track.length:.0f} m")
-    grid = np.linspace(s[0], s[-1], max(2, round((s[-1] - s[0]) / STEP_M)))
+    grid = np.linspace(s[0], s[-1], max(2, round((s[-1] - s[0]) / SPACING_M)))
     middle, left, right = PchipInterpolator(s, [offset, survey.width_left, survey.width_right], axis=1)(grid)
     speed = DEFAULT_SPEED if survey.speed is None else survey.speed
     lane = PitLane(grid, middle, left, right, speed, (float(s[0]), float(s[-1])))

@@ -15,13 +15,11 @@ import numpy as np
 from hil_gateway.process.arrays import Array, Complex
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.pit_lane import LaneSurvey, lane_along
-from hil_gateway.track.track import Track
+from hil_gateway.track.track import SPACING_M, Track
 
 ROAD_WIDTH_M = 10.0
 """Width of a road for full-size cars, for which the lengths below are meant; on a narrower one, which smaller cars
 drive, all of them are smaller in proportion"""
-SPACING_M = 1.0
-"""arc length between the points of a `Track`, at most"""
 TOLERANCE_M = 1.0
 """root mean square distance beyond which the points and a smooth line are not the same track"""
 SHORTEST_WAVE_M = 25.0

@@ -16,6 +16,8 @@ import numpy as np
 
 from hil_gateway.process.arrays import Array
 
+SPACING_M = 1.0
+"""arc length between the points of a `Track`, at most"""
 FAR = 1000.0
 """m beyond the line: no longer near"""
 

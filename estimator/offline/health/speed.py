@@ -12,12 +12,11 @@ from estimator.drive_log.derived import derivative, specific_force
 from estimator.drive_log.lag import Lag, lag_between
 from estimator.drive_log.table import DriveLog
 from estimator.offline.health.finding import LEAST_ERRORS, Action, LogFinding, confidence_of
-from estimator.offline.health.offsets import MIN_CORRELATION, shifted
+from estimator.offline.health.offsets import LONGEST_S, MIN_CORRELATION, shifted
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
 
 OFFSET_VX = "offset_vx"
-LONGEST_S = 1.0
 LEAST_S = 0.03
 """Smaller offsets are those of a filter of the speed: one of 5 Hz lags by so much."""
 

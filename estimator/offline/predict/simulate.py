@@ -24,7 +24,7 @@ from hil_gateway.process.arrays import Array
 GAMMA = 1.0 - 0.5**0.5
 """Coefficient of ROS2 that makes it L-stable with the smaller error."""
 
-STATES = 2
+STATES = len(STATE_ROWS)
 OUTPUTS = ("vy", "yaw_rate", "ay", "yaw_acc")
 """What is simulated: vy as its sensor reports it, yaw rate, specific force, yaw acceleration."""
 

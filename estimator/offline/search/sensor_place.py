@@ -11,13 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.offline.record.derivative import kernel, stretches
-from estimator.offline.record.record import Record
+from estimator.offline.record.record import MEASURED, Record
 from estimator.offline.record.road import PRIOR_STD, SENSORS
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array, Ints
 
-AX, AY, YAW_RATE, VX, VY = range(5)
-"""Rows of `record.MEASURED`."""
+AX, AY, YAW_RATE, VX, VY = range(len(MEASURED))
 TRIMMED = 0.05
 """share of the windows at either end that does not count: a receiver jumped"""
 
