@@ -16,7 +16,6 @@ from estimator.belief.revision import model_of
 from estimator.drive_log.derived import BY_STATE_FILTER
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.learner.active import active_effects, parameter_std
-from estimator.learner.known_road import with_road
 from estimator.learner.learnt_model import SPREAD, LapColumns, learnt_model, parameters_of
 from estimator.learner.rule import IDLE, Errors, mean_ratio, why_not
 from estimator.model.declared_vehicle import DECLARED
@@ -24,7 +23,15 @@ from estimator.model.effects import catalogue
 from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.offline.diagnosis import held_out_in_turn
 from estimator.offline.fit.prediction_error import Fit
-from estimator.offline.record.map_road import ROAD, on_map, projected, road_effects, with_map_road
+from estimator.offline.record.map_road import (
+    ROAD,
+    on_map,
+    projected,
+    road_effects,
+    road_profiles,
+    road_size,
+    with_map_road,
+)
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
 from estimator.offline.result.model_score import held_out_windows, prediction_error
@@ -237,3 +244,12 @@ def _with_provenance(
     note = f"{', '.join(effects)}: found while driving, judged on lap {lap + 1}" if effects else ""
     provenance = Provenance(error_before=dict(errors["refit"]), error_after=dict(errors["found"]), note=note)
     return revision.model_copy(update={"provenance": provenance})
+
+
+def with_road(revision: ModelRevision, track: Track) -> ModelRevision:
+    """A revision that also has the map's road, as the planner adds it: for predictions only."""
+    road = (
+        ActiveEffect(name=name, parameters={}, profile=tuple(values.tolist()))
+        for name, values in road_profiles(track, road_size(track)).items()
+    )
+    return revision.model_copy(update={"effects": (*revision.effects, *road)})

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 from hil_gateway.bus.alerts import grouped
@@ -17,8 +19,10 @@ from hil_gateway.bus.topics import (
     BELIEF,
     ESTIMATE,
     EVENT,
+    GATEWAY_STATUS,
     MODEL_PROPOSAL,
     OPERATOR,
+    PLAYBACK,
     RACE_LINE,
     TOPICS,
     TRUTH,
@@ -29,11 +33,11 @@ from hil_gateway.car.tyre_names import named
 from hil_gateway.config import Config
 from hil_gateway.dashboard.channels import asked_speed, grip_used, row_of, slip_angles
 from hil_gateway.dashboard.history import MINUTES, History, StopStory
-from hil_gateway.dashboard.line_shown import LineShown
 from hil_gateway.dashboard.phase import phase_of
-from hil_gateway.dashboard.state import state_of
+from hil_gateway.dashboard.setup import edges
 from hil_gateway.dashboard.tyre_curve import curves
 from hil_gateway.process.clock import NS_PER_S, Clock
+from hil_gateway.process.figures import figure
 from hil_gateway.track.lap_clock import LapClock
 from hil_gateway.track.track import Track
 
@@ -209,3 +213,59 @@ def _tyres(belief: Belief, prior: Belief) -> dict[str, Any]:
         name, unit = named(symbol)
         rows.append({"symbol": symbol, "name": name, "unit": unit, "mean": mean, "std": std, "first": first})
     return {"parameters": rows, "samples": belief.samples, "curves": curves(belief)}
+
+
+FROZEN_S = 0.5
+"""reports of the car older than this: the figures stand still while the gateway itself runs"""
+
+
+def state_of(newest: Mapping[str, Latest[Any]], now_ns: int) -> dict[str, str]:
+    """`name` and, in words, `why`; the gateway and the car's reports decide, the plan never makes anything live."""
+    playback, status, state = (newest[topic.key] for topic in (PLAYBACK, GATEWAY_STATUS, VEHICLE_STATE))
+    if playback.alive(now_ns) and playback.message is not None:
+        at = figure(playback.message.position_s, "s", 4)
+        return _state("REPLAY", f"recording {playback.message.file}, at {at}: nothing here is live")
+    if status.message is None:
+        return _state("WAITING", "no word from a gateway yet: `hil gateway run`")
+    if not status.alive(now_ns):
+        age = figure(status.age_s(now_ns), "s", 3)
+        return _state("LOST", f"no word from the gateway for {age}; what is shown is old")
+    youngest_s = _youngest_report_s(state)
+    if youngest_s is None:
+        return _state("WAITING", "the gateway runs, the car has not spoken yet")
+    silent_s = youngest_s + state.age_s(now_ns)
+    if silent_s > FROZEN_S:
+        return _state("FROZEN", f"the gateway runs, the car has been silent for {figure(silent_s, 's', 3)}")
+    return _state("LIVE", "")
+
+
+def _state(name: str, why: str) -> dict[str, str]:
+    return {"name": name, "why": why}
+
+
+def _youngest_report_s(state: Latest[Any]) -> float | None:
+    """Age of the youngest report when the newest vehicle state was made; None before the first."""
+    ages = [] if state.message is None else [s.age_s for s in state.message.sources.values() if s.age_s is not None]
+    return min(ages, default=None)
+
+
+class LineShown:
+    """The newest race line with its corridor; `name` changes when what is drawn does."""
+
+    def __init__(self, track: Track) -> None:
+        self._track = track
+        self._newest: RaceLine | None = None
+        self.name = ""
+        self.drawn: dict[str, Any] | None = None
+
+    def take(self, message: RaceLine | None) -> None:
+        """Take in the newest message."""
+        if message is None or message is self._newest:
+            return
+        self._newest = message
+        name = f"{zlib.crc32(repr((message.x, message.y, message.clearance_m)).encode()):08x}"
+        if name == self.name:
+            return
+        self.name = name
+        corridor = edges(self._track, message.clearance_m)
+        self.drawn = {"name": name, "x": list(message.x), "y": list(message.y), "corridor": corridor}

@@ -15,8 +15,8 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Route
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from hil_gateway.dashboard.connection import Connection
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.shipped import shipped
 
@@ -155,3 +155,28 @@ def serve(app: Starlette, listener: socket.socket) -> None:
     server = server_of(app)
     with suppress(KeyboardInterrupt):  # uvicorn has ended in order, and raises the signal again afterwards
         server.run(sockets=[listener])
+
+
+MOST = 200
+"""connections at once: a browser has one for each page, and up to six while it loads"""
+ASKS_WITHIN_S = 10.0
+"""from connecting to the whole of the first request"""
+
+
+class Connection(H11Protocol):
+    """HTTP as uvicorn speaks it, bounded: so many connections at once, and each must ask for something soon.
+
+    Without an end to both, who only connects takes every file the process may open, and each further attempt is a
+    traceback in the log.
+    """
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        if len(self.connections) > MOST:
+            transport.abort()
+        else:
+            asyncio.get_running_loop().call_later(ASKS_WITHIN_S, self._end_if_silent)
+
+    def _end_if_silent(self) -> None:
+        if self.cycle is None:
+            self.transport.abort()

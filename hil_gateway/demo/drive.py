@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
-from hil_gateway.demo.model_error import measure, unknown
+from hil_gateway.demo.folder import CONFIG_NAME
 from hil_gateway.demo.options import DemoOptions, DemoSetup, prepare
 from hil_gateway.demo.run import Ending, Run, RunResult
 from hil_gateway.demo.summary import summarise
@@ -16,6 +17,7 @@ from hil_gateway.plant.plant import plant_parameters
 from hil_gateway.plant.referee.lap_limit import lap_limit
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.lifecycle import StopRequest
+from hil_gateway.process.own_command import ask
 from hil_gateway.process.supervisor import DASHBOARD, LEARNER, PROCESSES, RECEIVER, ProcessSpec, Supervisor
 from hil_gateway.track.loading import load_track
 
@@ -88,3 +90,34 @@ def _view(options: DemoOptions, setup: DemoSetup) -> View:
     if options.headless or not sys.stderr.isatty():
         return PlainView()
     return LiveView(load_track(setup.config.track))
+
+
+FIGURE = "position"
+"""channel that stands for the others: m after one second of open-loop prediction"""
+
+
+def measure(session: Path) -> dict[str, Any]:
+    """`before` and `after`, m, on the session of a drive; null with a `reason` where they could not be measured.
+
+    The revision the session began with and the one it had learnt, on its last third.
+    """
+    arguments = ["estimator", "score", str(session), "--config", str(session.with_name(CONFIG_NAME))]
+    answer = ask(arguments)
+    if answer.reason:
+        return unknown(answer.reason)
+    score = answer.content
+    return {
+        "before": score["before"][FIGURE],
+        "after": score["after"][FIGURE],
+        "unit": f"m, position after {score['horizon_s']:g} s of open-loop prediction, last third of the session",
+        "channels": {
+            name: {"before": score["before"][name], "after": score["after"][name]} for name in score["before"]
+        },
+        "revisions": score["revisions"],
+        "windows": score["windows"],
+    }
+
+
+def unknown(reason: str) -> dict[str, Any]:
+    """The result where nothing could be measured."""
+    return {"before": None, "after": None, "reason": reason}

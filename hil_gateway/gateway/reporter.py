@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, insort
+from collections import deque
 from collections.abc import Callable, Mapping
 
 from hil_gateway.bus.messages import Command, FailsafeAction, GatewayStatus
@@ -13,7 +15,6 @@ from hil_gateway.gateway.decide.failsafe import missing_for_arming
 from hil_gateway.gateway.decide.race_control import missing_for_crank
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
-from hil_gateway.gateway.rolling import Rolling
 from hil_gateway.process.processor_wait import LatelyLate, who_was_late
 
 LATENCY_WINDOW = 1000
@@ -107,3 +108,23 @@ class Reporter:
         if self._mode != "armed":
             return ("mode_without_crank",)
         return missing_for_crank(decision.race_control.ct_state, situation.ladder)
+
+
+class Rolling:
+    """Quantiles of the newest `length` numbers, kept sorted: asking costs nothing, and is done ten times a second."""
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self._recent: deque[float] = deque()
+        self._sorted: list[float] = []
+
+    def add(self, value: float) -> None:
+        """Take in a number; the oldest goes when there are too many."""
+        if len(self._recent) == self._length:
+            self._sorted.pop(bisect_left(self._sorted, self._recent.popleft()))
+        self._recent.append(value)
+        insort(self._sorted, value)
+
+    def quantile(self, share: float) -> float | None:
+        """The number that `share` of them are below; None before the first."""
+        return self._sorted[min(int(share * len(self._sorted)), len(self._sorted) - 1)] if self._sorted else None

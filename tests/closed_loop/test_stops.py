@@ -15,7 +15,7 @@ from support.promise_figures import record_figure, volume
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import OperatorAction, OperatorCommand
 from hil_gateway.config import Config
-from hil_gateway.gateway.ending import OrderlyEnd
+from hil_gateway.gateway.node import OrderlyEnd
 from planner.simulation.loop import Faults, Loop
 
 REASONS = ("planner", "estimator", "planner and estimator", "stop", "emergency", "heartbeat", "purple")

@@ -9,7 +9,7 @@ from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.config import Config
-from hil_gateway.gateway.ending import OrderlyEnd
+from hil_gateway.gateway.node import OrderlyEnd
 
 
 def ending_of(rig: Rig, deceleration: float = 6.0) -> OrderlyEnd:

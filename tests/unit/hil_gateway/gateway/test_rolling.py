@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from hil_gateway.gateway.rolling import Rolling
+from hil_gateway.gateway.reporter import Rolling
 
 
 def test_quantiles_are_those_of_the_newest_numbers() -> None:

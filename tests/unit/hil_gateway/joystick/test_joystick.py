@@ -8,8 +8,8 @@ import struct
 import pytest
 from support.cars import car_messages
 
-from hil_gateway.joystick.commands import Hands
 from hil_gateway.joystick.device import Controls, Device
+from hil_gateway.joystick.node import Hands
 from hil_gateway.process.errors import InputError
 from hil_gateway.settings.joystick import JoystickConfig
 
