@@ -16,9 +16,8 @@ from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock, wait_for
 from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
 from hil_gateway.process.scheduling import punctual, use_large_pages
-from planner.node import Planner
 
-HALF_ESTIMATE_NS = round(0.5 * NS_PER_S / ESTIMATE.rate_hz)
+HALF_ESTIMATE_NS = ESTIMATE.period_ns // 2
 """A plan is prepared so long before the estimate that it begins from is due, and waits as long beyond that."""
 
 
@@ -27,6 +26,8 @@ def run(config: Config) -> None:
     stop, clock = StopRequest(), SystemClock()
     bus = open_bus(config.zenoh, "planner")
     with announced(bus, clock):
+        from planner.node import Planner  # takes seconds, too
+
         planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
     punctual("planner")
     gc.freeze()  # what start-up allocated is never collected: shorter pauses

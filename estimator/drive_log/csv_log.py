@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.drive_log.column_map import ColumnMap, apply, proposed, without_delays
+from estimator.drive_log.quantities import UNITS
 from estimator.drive_log.tables import read_table
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
@@ -21,7 +22,7 @@ SLOW_GAP_S = 1.1
 times nothing is put in"""
 STEPWISE = ("lap", "gear")
 """Numbers that hold until the next one"""
-CLOCKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+CLOCKS = {unit: UNITS["time"][unit] for unit in ("s", "ms", "us", "ns")}
 RATES = (19.0, 1050.0)
 """samples/s of a drive log, with what clocks are off by"""
 

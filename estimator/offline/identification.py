@@ -73,7 +73,7 @@ class Options:
     layout: Layout = "per_axle"
     method: Method = "nls"
     formulation: Formulation = "auto"
-    window_s: float = 4.0
+    window_s: float = OutputErrorSettings.window_s
     keep: frozenset[str] = frozenset()
 
 

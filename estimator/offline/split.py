@@ -11,7 +11,6 @@ from estimator.drive_log.table import DriveLog
 from estimator.offline.record.prepare import Samples
 from hil_gateway.process.errors import InputError
 
-MIN_LAPS = 4
 EVERY = 4
 BLOCK, GUARD, LEAST = 36.3, 1.82, 18.2
 """A held-out block, the gap beside it, and the least driving left to fit, over the car's own time: 20 s, 1 s and 10 s
@@ -39,7 +38,7 @@ def split(log: DriveLog, samples: Samples, own_time: float, every: int = EVERY) 
     if seconds < 2 * least_s:
         raise InputError(f"only {seconds:.2g} s of driving in the log: a car of this size needs {2 * least_s:.2g} s")
     laps = np.unique(log["lap"]) if "lap" in log else np.empty(0)
-    if laps.size >= MIN_LAPS:
+    if laps.size >= EVERY:
         number = np.searchsorted(laps, log["lap"])[samples.row]
         held = number % every == (2 if laps.size > 2 + 1 else 1)
         kind = f"{len(np.unique(number[held]))} of {laps.size} whole laps held out"

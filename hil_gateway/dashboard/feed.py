@@ -41,7 +41,7 @@ from hil_gateway.process.figures import figure
 from hil_gateway.track.lap_clock import LapClock
 from hil_gateway.track.track import Track
 
-ALERTS_KEPT, EVENTS_KEPT = 200, 300
+KEPT = 300
 SAME_CLOCK_S = 1.0
 """a stamp this close to the time of receipt is of the clock of this computer, and tells the age to the millisecond"""
 
@@ -53,8 +53,8 @@ class Feed:
         as_events = (ALERT, OPERATOR, EVENT, MODEL_PROPOSAL)
         self._readers = {t.key: LatestReader(bus, t) for t in TOPICS if t not in (TRUTH, *as_events)}
         self._alert_queue, self._event_queue = bus.subscribe(ALERT, depth=64), bus.subscribe(EVENT, depth=256)
-        self._alerts: deque[tuple[float, Alert]] = deque(maxlen=ALERTS_KEPT)
-        self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS_KEPT)
+        self._alerts: deque[tuple[float, Alert]] = deque(maxlen=KEPT)
+        self._events: deque[dict[str, Any]] = deque(maxlen=KEPT)
         self._stops = StopStory()
         self._line = LineShown(track)
         self._prior: Belief | None = None

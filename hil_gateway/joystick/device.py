@@ -24,7 +24,6 @@ AXES: Mapping[str, int] = {
 """of absolute axes, as ABS_X is `x`"""
 _RANGE = struct.Struct("6i")
 """value, minimum, maximum, fuzz, flat, resolution"""
-READ_BYTES = 64 * EVENT.size
 
 
 class EventType(IntEnum):
@@ -59,7 +58,7 @@ class Device:
     def read(self) -> bool:
         """Take what has happened; False where the device is gone."""
         try:
-            while data := os.read(self._file, READ_BYTES):
+            while data := os.read(self._file, 64 * EVENT.size):
                 self.state.take(data)
         except BlockingIOError:
             return True

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from hil_gateway.process.figures import printable
 
-EXIT_OK = 0
 EXIT_FAILURE = 1
 """the run found a failure: a test, a check, a lost frame"""
 EXIT_INPUT = 2

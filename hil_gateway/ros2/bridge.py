@@ -11,9 +11,9 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.config import Config
 from hil_gateway.process.lifecycle import worth_a_line
 from hil_gateway.ros2 import topics as ros
-from hil_gateway.ros2.graph import Graph
-from hil_gateway.ros2.incoming import NAME_MAX, Incoming
-from hil_gateway.ros2.outgoing import WARN, Status
+from hil_gateway.ros2.graph import NAMES_MAX, Graph
+from hil_gateway.ros2.incoming import Incoming
+from hil_gateway.ros2.outgoing import Level, Status
 from hil_gateway.ros2.publishing import Publishing
 from hil_gateway.ros2.session import RosNode
 from hil_gateway.ros2.topics import RosTopic
@@ -82,7 +82,7 @@ class Bridge:
         notes = self._notes[:NOTES_MAX]
         return (
             "av24: ros2",
-            WARN if notes else 0,
+            Level.WARN if notes else Level.OK,
             notes[0] if notes else "no type differs",
             [("note", n) for n in notes],
         )
@@ -96,6 +96,6 @@ class Bridge:
             nodes=self.graph.nodes,
             sent=self._publishing.sent,
             taken=self._incoming.taken,
-            refused={reason[:NAME_MAX]: count for reason, count in self._incoming.refused.items()},
+            refused={reason[:NAMES_MAX]: count for reason, count in self._incoming.refused.items()},
             notes=self._notes[:NOTES_MAX],
         )

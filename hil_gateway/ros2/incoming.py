@@ -19,6 +19,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.road_speed import road_speed
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.ros2 import topics as ros
+from hil_gateway.ros2.graph import NAMES_MAX
 from hil_gateway.ros2.session import ReceivedSample
 from hil_gateway.ros2.types import Types
 from hil_gateway.ros2.wire import Attachment
@@ -27,7 +28,6 @@ SENDER_TIMEOUT_NS = NS_PER_S // 2
 """A node silent for so long may be replaced on its topic; the gateway decides whether it may take over."""
 SPEED_TIME_S = 0.5
 """time constant with which an Ackermann command's speed is approached"""
-NAME_MAX = 64
 Name = Callable[[bytes], str]
 """identifier of a publisher -> name of its node"""
 
@@ -84,7 +84,7 @@ class Incoming:
     def _source(self, topic: str) -> str:
         """Name of the sender, with the bridge it comes through: two bridges are two sources."""
         node = self.name(self._newest[topic].gid) or "unnamed node"
-        return f"ros2 {self.session[:4]} {node}"[:NAME_MAX]
+        return f"ros2 {self.session[:4]} {node}"[:NAMES_MAX]
 
     def _offer(self, received: ReceivedSample, now_ns: int, unix_offset_ns: int) -> str:
         attachment, topic = received.attachment, received.topic.name

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -25,15 +26,24 @@ UNKNOWN = 1e6
 """variance of what is not measured: filters give it no weight"""
 IMU_VARIANCES = (1e-4, 0.1)
 """(rad/s)^2 and (m/s2)^2 of the car's IMU with vibration"""
+
+
+class Level(IntEnum):
+    """Of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
 LEVELS = {
-    FailsafeAction.SILENT: 0,
-    FailsafeAction.DRIVE: 0,
-    FailsafeAction.CONTROLLED_STOP: 1,
-    FailsafeAction.EMERGENCY_STOP: 2,
+    FailsafeAction.SILENT: Level.OK,
+    FailsafeAction.DRIVE: Level.OK,
+    FailsafeAction.CONTROLLED_STOP: Level.WARN,
+    FailsafeAction.EMERGENCY_STOP: Level.ERROR,
 }
-"""of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR"""
-WARN, ERROR, STALE = 1, 2, 3
-Status = tuple[str, int, str, Sequence[tuple[str, str]]]
+Status = tuple[str, Level, str, Sequence[tuple[str, str]]]
 """name, level, message, values"""
 
 
@@ -166,16 +176,21 @@ def source_statuses(state: VehicleState) -> Iterable[Status]:
     for name, health in state.sources.items():
         never = health.age_s is None
         age = "never received" if never else f"{health.age_s:.3f} s old"
-        level = STALE if never else 0 if health.valid else ERROR
+        level = Level.STALE if never else Level.OK if health.valid else Level.ERROR
         yield f"av24: {name}", level, age if health.valid or never else f"invalid, {age}", [("age_s", age)]
 
 
 def estimate_status(estimate: Estimate | None, age_s: float) -> Status:
     """Whether the estimate is there and what it lacks."""
     if estimate is None:
-        return "av24: estimate", STALE, "never received", []
+        return "av24: estimate", Level.STALE, "never received", []
     lacks = estimate.lacks or ("" if estimate.valid else "invalid")
-    return "av24: estimate", WARN if lacks else 0, f"lacks {lacks}" if lacks else "valid", [("age_s", f"{age_s:.3f}")]
+    return (
+        "av24: estimate",
+        Level.WARN if lacks else Level.OK,
+        f"lacks {lacks}" if lacks else "valid",
+        [("age_s", f"{age_s:.3f}")],
+    )
 
 
 def _diagonal(*variances: float) -> Any:

@@ -12,9 +12,8 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.can_link import Frame
 from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.ros2 import topics as ros
-from hil_gateway.ros2.outgoing import STALE, Outgoing, Status, estimate_status, gateway_status, source_statuses
+from hil_gateway.ros2.outgoing import Level, Outgoing, Status, estimate_status, gateway_status, source_statuses
 from hil_gateway.ros2.session import RosNode
 from hil_gateway.ros2.topics import RosTopic
 from hil_gateway.ros2.types import Types
@@ -23,7 +22,6 @@ QUEUE = 8
 """unread messages of a topic: 80 ms at 100 Hz"""
 CAN = "can"
 """`header.frame_id` of frames, as ros2_socketcan has it"""
-DIAGNOSTICS_PERIOD_NS = NS_PER_S // 10
 
 
 class Publishing:
@@ -75,14 +73,14 @@ class Publishing:
             self._send(ros.TF_STATIC, self._make.axles(self._vehicle.lf, self._vehicle.lr, self._unix_ns))
         elif now_ns < self._diagnostics_ns:
             return
-        self._diagnostics_ns = now_ns + DIAGNOSTICS_PERIOD_NS
+        self._diagnostics_ns = now_ns + topics.GATEWAY_STATUS.period_ns
         self._offer(ros.DIAGNOSTICS, self._make.diagnostics, [*self._statuses(now_ns), *further], self._unix_ns)
 
     def _statuses(self, now_ns: int) -> Iterator[Status]:
         """Failsafe, estimate, every source; what has fallen silent is said to be."""
         gateway, state = self._gateway.latest, self.state
         if gateway.message is None or not gateway.alive(now_ns):
-            yield "av24: failsafe", STALE, f"the gateway is silent for {gateway.age_s(now_ns):.1f} s", []
+            yield "av24: failsafe", Level.STALE, f"the gateway is silent for {gateway.age_s(now_ns):.1f} s", []
         else:
             yield gateway_status(gateway.message)
         yield estimate_status(self._estimate.message, self._estimate.age_s(now_ns))

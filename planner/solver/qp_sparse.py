@@ -12,8 +12,6 @@ import numpy as np
 from hil_gateway.process.arrays import Array
 from planner.solver.qp import QpStatus, StageQp
 
-UNBOUNDED = 1e30
-
 
 class SparseForm:
     """The QP as min 1/2 x'Px + c'x, lower_a <= Ax <= upper_a, lower_x <= x <= upper_x."""
@@ -63,7 +61,7 @@ class SparseForm:
 
     def _bounds(self, k: int) -> tuple[Array, Array]:
         qp, size = self.qp, self.qp.size
-        lower, upper = np.full(self.width, -UNBOUNDED), np.full(self.width, UNBOUNDED)
+        lower, upper = np.full(self.width, -np.inf), np.full(self.width, np.inf)
         bounded = np.array(size.bounded, dtype=int) + size.nu
         lower[self._u], upper[self._u] = qp.lower_u[:, k], qp.upper_u[:, k]
         lower[bounded], upper[bounded] = qp.lower_z[:, k], qp.upper_z[:, k]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.drive_log.lag import PARTS
 from estimator.drive_log.table import DriveLog
-from estimator.offline.health.finding import LogFinding, confidence_of
+from estimator.offline.health.finding import LEAST_ERRORS, LogFinding, confidence_of
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
 
 LEAST_SCALE = 0.005
-PARTS = 10
 
 
 def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
@@ -26,7 +26,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
         speed = 0.5 * (log[names[0]] + log[names[1]])[moving]
         parts = [float(np.median(r)) for r in np.array_split(speed / log["vx"][moving], PARTS)]
         scale, std = float(np.median(parts)) - 1.0, float(np.std(parts) / np.sqrt(PARTS))
-        if abs(scale) > LEAST_SCALE and abs(scale) > 3.0 * std:
+        if abs(scale) > LEAST_SCALE and abs(scale) > LEAST_ERRORS * std:
             text = f"{axle} wheel speeds are {100 * scale:+.1f} % off vx: rolling radius or speed scale"
             confidence = confidence_of(scale, std, LEAST_SCALE)
             findings.append(

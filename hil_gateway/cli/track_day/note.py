@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
 from hil_gateway.process.errors import InputError
 
-TEXT_MAX = 4000
 Celsius = typer.Option(min=-50.0, max=100.0, help="deg C")
 
 
@@ -29,17 +29,21 @@ def note(
     from hil_gateway.config import load_config
     from hil_gateway.gateway.asking import address, wait
 
-    if not (text or tyres or air is not None or road is not None) or len(text) > TEXT_MAX or len(tyres) > 64:
-        raise InputError(f"a note is a text of up to {TEXT_MAX} characters, --tyres NAME of up to 64, --air or --road")
-    reached, now = address(load_config(config).zenoh, config), time.monotonic_ns()
+    now = time.monotonic_ns()
+    head = {"stamp_ns": now, "seq": now // 1000, "source": f"cli-{os.getpid()}"}
+    try:
+        message = Note(**head, text=text, tyres=tyres, air_c=air, road_c=road)
+    except ValidationError as error:
+        raise InputError(f"a note: {error.errors()[0]['loc'][0]}: {error.errors()[0]['msg'].lower()}") from None
+    if not (text or tyres or air is not None or road is not None):
+        raise InputError("a note is a text, --tyres NAME, --air or --road")
+    reached = address(load_config(config).zenoh, config)
     bus = open_bus(reached.zenoh, "operator")
     try:
         statuses = bus.subscribe(topics.RECORDER_STATUS)
         before = wait(statuses, lambda status: status.recording)
         if before is None or not before.recording:
             raise InputError("nothing is recorded, so the note would be lost: `hil recorder run`")
-        head = {"stamp_ns": now, "seq": now // 1000, "source": f"cli-{os.getpid()}"}
-        message = Note(**head, text=text, tyres=tyres, air_c=air, road_c=road)
         bus.publish(topics.NOTE, message)
         after = wait(statuses, lambda status: status.noted == message.seq)
         if after is None or after.noted != message.seq:

@@ -28,7 +28,7 @@ QUIET_S = 1.0
 left to the failsafe"""
 WATCHED: dict[str, Topic[Any]] = {"estimator": BELIEF, "recorder": RECORDER_STATUS}
 """beside the planner, whose plans the gateway reads anyway"""
-ALERTS_A_PERIOD, PROPOSALS_A_PERIOD = 8, 4
+QUEUE = 8
 REFINED_NS = 60 * NS_PER_S
 """tyres are refined every few seconds while driving: one entry a minute is enough"""
 
@@ -40,8 +40,8 @@ class OtherProcesses:
         self._readers = {name: LatestReader(bus, topic) for name, topic in WATCHED.items()}
         self._alive: set[str] = set()
         self._revisions = LatestReader(bus, MODEL_REVISION)
-        self._alerts = bus.subscribe(ALERT, depth=ALERTS_A_PERIOD)
-        self._proposals = bus.subscribe(MODEL_PROPOSAL, depth=PROPOSALS_A_PERIOD)
+        self._alerts = bus.subscribe(ALERT, depth=QUEUE)
+        self._proposals = bus.subscribe(MODEL_PROPOSAL, depth=QUEUE)
         self._receivers = LatestReader(bus, RECEIVER_STATUS)
         self._causes: dict[str, str] = {}
         """receiver -> why it does not place the car; empty: it does"""

@@ -42,7 +42,7 @@ from hil_gateway.bus.topics import (
 )
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config
-from hil_gateway.dashboard import connection
+from hil_gateway.dashboard import server
 from hil_gateway.dashboard.feed import Feed
 from hil_gateway.dashboard.recording import Recording
 from hil_gateway.dashboard.recording import create_app as recording_app
@@ -373,9 +373,9 @@ def test_page_accepts_nothing_but_reading(served_page: str) -> None:
 def test_who_only_connects_takes_neither_the_page_from_others_nor_the_log(
     served_page: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(connection, "ASKS_WITHIN_S", 0.5)
+    monkeypatch.setattr(server, "ASKS_WITHIN_S", 0.5)
     host, port = served_page.removeprefix("http://").strip("/").split(":")
-    crowd = [socket.create_connection((host, int(port))) for _ in range(connection.MOST + 50)]
+    crowd = [socket.create_connection((host, int(port))) for _ in range(server.MOST + 50)]
     for one in crowd:
         with suppress(OSError):  # those beyond the bound are refused
             one.sendall(b"GET / HT")
