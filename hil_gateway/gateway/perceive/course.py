@@ -18,6 +18,8 @@ from hil_gateway.process.clock import NS_PER_S
 
 FITTED = 8
 """fixes: 0.35 s at 20 Hz; fewer let noise through, more answer late"""
+COURSE_WINDOW = 38
+"""periods of the gateway: the time the fixes behind a course span, and half a fix"""
 OLDEST_S = 0.15
 """age of the newest fix beyond which the course is no longer known: two fixes were lost"""
 SLOWEST = 8.0

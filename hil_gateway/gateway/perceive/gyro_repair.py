@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-WATCHED = 38
-"""periods over which it is held against the fixes: as many as their course spans"""
+from hil_gateway.gateway.perceive.course import COURSE_WINDOW
+
 APART = 0.32
 """rad/s from the turn rate of the fixes' course: side slip that builds up, lag of the course, noise of both"""
 
@@ -37,7 +37,7 @@ class RepairedGyro:
     """
 
     def __init__(self) -> None:
-        self._rates: deque[float] = deque(maxlen=WATCHED)
+        self._rates: deque[float] = deque(maxlen=COURSE_WINDOW)
         self._refuted = False
 
     def step(self, repair: GyroRepair | None, reading: float | None, turn_rate: float | None) -> float | None:
@@ -48,8 +48,8 @@ class RepairedGyro:
             self._refuted = self._refuted and repair is not None
             return None
         rate = repair.yaw_rate(reading)
-        if len(self._rates) < WATCHED:
+        if len(self._rates) < COURSE_WINDOW:
             self._rates.append(rate)
-            judged = turn_rate is not None and len(self._rates) == WATCHED
-            self._refuted = judged and abs(sum(self._rates) / WATCHED - (turn_rate or 0.0)) > APART
+            judged = turn_rate is not None and len(self._rates) == COURSE_WINDOW
+            self._refuted = judged and abs(sum(self._rates) / COURSE_WINDOW - (turn_rate or 0.0)) > APART
         return None if self._refuted else rate

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.gateway.perceive.course import Course
+from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair, RepairedGyro
 from hil_gateway.process.clock import NS_PER_S
@@ -21,8 +21,6 @@ MISMATCH_S = 5.0
 """s: how slowly the difference of the rear wheels' radii is learnt from the gyro, so that no bend is taken for one"""
 LEARNING_FROM = 10.0
 """m/s from which that difference shows"""
-COURSE_WINDOW = 38
-"""periods: the time the fixes behind a course span, and half a fix"""
 UNDERSTEER = 1e-3
 """rad per m/s2 of lateral force before anything has been learnt: a racing car at moderate lateral force"""
 UNDERSTEER_LEARNT = 0.005

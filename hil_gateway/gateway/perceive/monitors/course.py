@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-from hil_gateway.gateway.perceive.course import Course
+from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
+from hil_gateway.gateway.perceive.gyro_repair import APART
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
-from hil_gateway.gateway.perceive.motion import COURSE_WINDOW
 
-TURN = 0.32
-"""rad/s: side slip that builds up, lag of the course, noise of both"""
 LATERAL = 7.0
 """m/s2: side slip that builds up, lag of the course"""
 SPEED_SHARE = 0.14
@@ -78,7 +76,7 @@ class CourseMonitor:
         gyro, force, mean = (sum(kept) / COURSE_WINDOW for kept in (self._yaw_rates, self._forces, self._others))
         turn, speed = course.turn_rate, course.speed
         self.shares = {
-            "turn": abs(gyro - turn) / TURN,
+            "turn": abs(gyro - turn) / APART,
             "lateral": abs(force - speed * turn) / LATERAL,
             "speed": abs(wheel_speed - speed) / (SPEED_SHARE * speed),
         }

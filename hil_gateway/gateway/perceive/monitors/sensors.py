@@ -8,21 +8,16 @@ from collections import deque
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
+from hil_gateway.gateway.perceive.motion import RADII_MOST, ROLLING
 from hil_gateway.settings.gateway import PERIOD_S
 
 JUDGED_FROM = 8.0
 """m/s: slower, differences of wheel speeds are within what parking manoeuvres and clutch make"""
-PEDAL = 0.02
-"""slip-ratio drive command from which they are in use"""
 DRIVEN = 2.0
 """m/s2 by the engine from which the driven wheels' slip shows beside the noise of wheel speeds"""
 DRIVE_SLIP = 0.0015
 """slip of the driven wheels a m/s2: a quarter of what slicks do (slip stiffness of 25 times the load on the axle that
 carries 58 % of the car: 0.006); racing tyres twice as stiff do twice that"""
-RADII = 0.03
-"""that rolling radii front and rear may differ by: pressure, wear, growth with speed"""
-ROLLING = 0.5
-"""m/s2 by engine or brakes below which all wheels roll"""
 ROLLED_S = 0.5
 """s of rolling in which the radii's ratio is learnt"""
 SLIPPED_S = 0.1
@@ -51,7 +46,7 @@ class AxleMonitor:
         driven = self._per_drive * state.drive
         faster = self._rear_over_front(state) - 1.0
         if abs(driven) < ROLLING:
-            self._radii += PERIOD_S / ROLLED_S * (min(max(faster, -RADII), RADII) - self._radii)
+            self._radii += PERIOD_S / ROLLED_S * (min(max(faster, -RADII_MOST), RADII_MOST) - self._radii)
         self._slip += PERIOD_S / (SLIPPED_S + PERIOD_S) * (faster - self._slip)
         pushed = min(driven, state.ax + self._drag * speed**2)
         swapped = pushed > DRIVEN and self._slip - self._radii < -DRIVE_SLIP * pushed

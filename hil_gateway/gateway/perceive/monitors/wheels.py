@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM, PEDAL, SPEED_WINDOW
-from hil_gateway.gateway.perceive.motion import Motion, wheel_speeds
+from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM, SPEED_WINDOW
+from hil_gateway.gateway.perceive.motion import POWERED, Motion, wheel_speeds
 from hil_gateway.process.clock import NS_PER_S
 
 WHEEL_M_S, WHEEL_SHARE = 2.5, 0.15
@@ -68,7 +68,7 @@ class WheelMonitor:
         elif self._jumped:
             self._held_s += dt
         elif apart > 0.0 or not locked:
-            self._held_s += dt * (PEDAL_RATE if abs(state.drive) > PEDAL else 1.0)
+            self._held_s += dt * (PEDAL_RATE if abs(state.drive) > POWERED else 1.0)
         return self._held_s
 
     def _fell(self, state: VehicleState) -> list[bool]:
