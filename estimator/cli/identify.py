@@ -85,7 +85,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     as_json: AsJson = False,
 ) -> None:
     """Identify the tyre parameters and say what the data can and cannot tell."""
-    from estimator.offline.identification import SCORED, Options
+    from estimator.offline.fit_and_repair import SCORED, Options
 
     check_results(out, RESULTS, [*sessions, *(score or ()), vehicle, tyre])
     options = Options(layout.value, method.value, formulation.value, window, frozenset(keep or ()))
