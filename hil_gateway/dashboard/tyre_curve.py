@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 
 from hil_gateway.bus.messages import Belief
+from hil_gateway.process.arrays import Array
 
 LARGEST_DEG = 12.0
-POINTS = 49
-STEP = 1e-4
-"""relative step of the differences behind the band"""
 AXLES = {"front": ("bf", "cf", "df"), "rear": ("br", "cr", "dr")}
 
 
@@ -20,7 +18,7 @@ def curves(belief: Belief) -> dict[str, Any]:
 
     Both are empty for an axle whose parameters the belief does not hold.
     """
-    slip_deg = np.linspace(0.0, LARGEST_DEG, POINTS)
+    slip_deg = np.linspace(0.0, LARGEST_DEG)
     drawn: dict[str, Any] = {"slip_deg": slip_deg.round(3).tolist()}
     for axle, names in AXLES.items():
         symbols = names if names[0] in belief.names else tuple(name[0] for name in names)
@@ -30,15 +28,16 @@ def curves(belief: Belief) -> dict[str, Any]:
         index = [belief.names.index(symbol) for symbol in symbols]
         theta = np.array([belief.mean[i] for i in index])
         covariance = np.array(belief.covariance)[np.ix_(index, index)]
-        force = _force(theta, np.radians(slip_deg))
-        jacobian = np.array([(_force(theta * (1 + STEP * e), np.radians(slip_deg)) - force) / STEP for e in np.eye(3)])
-        size = np.where(theta == 0.0, 1.0, theta)
-        scaled = covariance / np.outer(size, size)
-        std = np.sqrt(np.maximum(np.einsum("ip,ij,jp->p", jacobian, scaled, jacobian), 0.0))
+        force, jacobian = _force(theta, np.radians(slip_deg))
+        std = np.sqrt(np.maximum(np.einsum("ip,ij,jp->p", jacobian, covariance, jacobian), 0.0))
         drawn[axle] = {"mean": force.round(4).tolist(), "std": std.round(4).tolist()}
     return drawn
 
 
-def _force(theta: Any, slip: Any) -> Any:
-    stiffness, shape, friction = theta
-    return friction * np.sin(shape * np.arctan(stiffness * slip))
+def _force(theta: Array, slip: Array) -> tuple[Array, Array]:
+    """(n,) D sin(C atan(B slip)) and (3, n) its derivatives by B, C and D."""
+    b, c, d = theta
+    turned = np.arctan(b * slip)
+    across = d * np.cos(c * turned)
+    by_parameter = across * c * slip / (1.0 + (b * slip) ** 2), across * turned, np.sin(c * turned)
+    return d * np.sin(c * turned), np.array(by_parameter)
