@@ -111,7 +111,6 @@ def describe(summary: dict[str, Any]) -> list[str]:
         f"processor        {cpu}",
         *_error_lines(summary["model_error"]),
         *(_failsafe_line(failsafe) for failsafe in summary["failsafes"]),
-        *([f"held up          {summary['held_up']['text']}"] if summary["held_up"] else []),
         *_recording_lines(summary["recorder"]),
         f"ended            {summary['ending']}",
         f"session          {summary['session']}",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import socket
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,13 @@ from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import ESTIMATE, GATEWAY_STATUS, OPERATOR, PLAN, TRUTH
 from hil_gateway.config import Config, load_config
 from hil_gateway.demo.canvas import Canvas
+from hil_gateway.demo.drive import unknown
 from hil_gateway.demo.monitor import REASONS_MAX, Monitor, PlanCount
 from hil_gateway.demo.operator import Operator
 from hil_gateway.demo.options import DemoOptions, parse_effects, prepare
 from hil_gateway.demo.referee import DriveReferee
+from hil_gateway.demo.run import Ending, RunResult
+from hil_gateway.demo.summary import describe, summarise
 from hil_gateway.demo.view import LiveView, Scene, line
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
@@ -335,3 +339,22 @@ def _plan(reason: str) -> m.Plan:
         stamp_ns=0, seq=0, state_stamp_ns=0, status=m.PlanStatus.STOP, reason=reason, dt=0.1, x=row, y=row, yaw=row,
         vx=row, s=row, steer=row, drive=row, lap=0, revision="r", solve_ms=1.0,
     )  # fmt: skip
+
+
+def test_the_report_of_a_run_in_which_nobody_spoke_is_complete_for_programs_and_people(tmp_path: Path) -> None:
+    setup = prepare(DemoOptions(out=tmp_path / "out"))
+    with setup.lock:
+        bus = LocalBus()
+        result = RunResult(Monitor(bus), DriveReferee(bus), Ending.NEVER_STARTED)
+        summary = summarise(DemoOptions(), setup, result, unknown("nothing was driven"))
+    assert set(json.loads(json.dumps(summary))) >= {
+        "laps",
+        "failsafes",
+        "model_error",
+        "events",
+        "revisions",
+        "session",
+    }
+    lines = describe(summary)
+    assert "model error      not measured: nothing was driven" in lines
+    assert "ended            never started" in lines
