@@ -21,7 +21,7 @@ def agreement(config: Config, track: Track) -> Agreement:
 
 def disagreement(ours: Agreement, sender: str, theirs: Agreement | None) -> str:
     """What a sender drives by otherwise than we do, in words; empty where nothing is known, or nothing differs."""
-    if theirs is None or theirs == ours:
+    if theirs is None or (theirs.track == ours.track and theirs.car == ours.car):
         return ""
     pairs = ((name, getattr(theirs, name), own) for name, own in ours)
     return "; ".join(f"{sender}: {name} {other}, here {own}" for name, other, own in pairs if other != own)

@@ -1,7 +1,7 @@
 """Motion and measurements of the state filter as expressions: what it predicts, and what each sensor says.
 
-Written down once; CasADi derives the Jacobians and evaluates a whole step in its virtual machine: twice as fast as
-array operations on matrices this small, without a compiler.
+Written down once; CasADi derives the Jacobians, and a whole step is one compiled call. The numbers of a car are inputs:
+nothing is compiled anew for another one.
 """
 
 from __future__ import annotations
@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
-from hil_gateway.car.car import TyrePrior
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import Car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.observer.kalman import scalar_update, symmetric
 from hil_gateway.process.arrays import Expr
-from hil_gateway.process.compiled import CompiledFunction, compile_function
+from hil_gateway.process.compiled import EXACT, CompiledFunction, compile_function
 
 STATES = (
     "x",
@@ -43,17 +43,25 @@ STATES = (
 ) = range(len(STATES))  # fmt: skip
 
 
-def rear_slip_yield(tyres: TyrePrior) -> float:
-    """Slip angle of the rear axle a m/s2 of lateral force, declared tyres, linear, rad."""
-    return 1.0 / (tyres.br * tyres.cr * tyres.dr * GRAVITY)
+class FilterCar(NamedTuple):
+    """What the steps know of a car, SI."""
+
+    lf: Expr
+    lr: Expr
+    rear_slip_yield: Expr
+    """slip angle of the rear axle, rad, a m/s2 of lateral force: what a car on a bank creeps downhill"""
+
+
+def filter_car(car: Car) -> FilterCar:
+    """By what is declared, with linear tyres."""
+    vehicle, tyres = car.vehicle, car.tyres
+    return FilterCar(vehicle.lf, vehicle.lr, 1.0 / (tyres.br * tyres.cr * tyres.dr * GRAVITY))
 
 
 @dataclass(frozen=True)
 class FilterNoise:
     """Standard deviations; white ones per sample at the IMU rate, SI."""
 
-    rear_slip_yield: float
-    """rad per m/s2: what a car on a bank creeps downhill"""
     accel: float = 0.15
     yaw_rate: float = 0.004
     accel_model: float = 0.15
@@ -121,8 +129,8 @@ class FilterMoment:
     mean: Expr
     covariance: Expr
     yaw_rate: Expr
-    vehicle: Vehicle
-    noise: FilterNoise
+    car: FilterCar
+    noise: FilterNoise = FilterNoise()
     nis: list[Expr] = field(default_factory=list)
 
     def update(self, H: Expr, innovation: Expr, variance: Expr, spread: Expr = 0.0) -> None:
@@ -165,15 +173,15 @@ Step = Callable[..., None]
 
 
 @cache
-def step_function(step: Step, measured: int, vehicle: Vehicle, noise: FilterNoise) -> CompiledFunction:
-    """(mean, covariance, yaw rate, measured) to the same after `step`, and its normalised innovations squared; made
-    once a process, to be used by its `twin`."""
-    n, u = len(STATES), ca.SX.sym("measured", measured)
+def step_function(step: Step, measured: int) -> CompiledFunction:
+    """(mean, covariance, yaw rate, measured, `FilterCar`) to the same after `step`, and its normalised innovations
+    squared; made once a process, to be used by its `twin`."""
+    n, u, car = len(STATES), ca.SX.sym("measured", measured), ca.SX.sym("car", len(FilterCar._fields))
     start = ca.SX.sym("mean", n), ca.SX.sym("covariance", n, n), ca.SX.sym("yaw_rate")
-    moment = FilterMoment(*start, vehicle, noise)
+    moment = FilterMoment(*start, FilterCar(*ca.vertsplit(car)))
     step(moment, *ca.vertsplit(u))
     end = [moment.mean, moment.covariance, moment.yaw_rate, ca.vertcat(*moment.nis) if moment.nis else ca.SX(0, 1)]
-    return compile_function(ca.Function(step.__name__, [*start, u], [ca.densify(e) for e in end]), compiled=False)
+    return compile_function(ca.Function(step.__name__, [*start, u, car], [ca.densify(e) for e in end]), flags=EXACT)
 
 
 def predict(moment: FilterMoment, *imu: Expr) -> None:
@@ -257,7 +265,7 @@ def heading(moment: FilterMoment, yaw: Expr, std: Expr) -> None:
 
 def wheel_speeds(moment: FilterMoment, front: Expr, rear: Expr, steer: Expr, drive: Expr) -> None:
     """Mean circumferential speeds of front and rear wheels, without direction; slip widens their noise."""
-    m, n, lf, c, s = moment.mean, moment.noise, moment.vehicle.lf, ca.cos(steer), ca.sin(steer)
+    m, n, lf, c, s = moment.mean, moment.noise, moment.car.lf, ca.cos(steer), ca.sin(steer)
     speed = ca.fabs(m[VX])
     slip, free = n.wheel_slip * speed * drive, n.wheel_speed**2 + (n.wheel_rolling * speed) ** 2
     scale, rolling = 1.0 + m[WHEEL_SCALE], m[VX] * c + (m[VY] + lf * moment.yaw_rate) * s
@@ -270,9 +278,9 @@ def wheel_speeds(moment: FilterMoment, front: Expr, rear: Expr, steer: Expr, dri
 
 def rear_slip(moment: FilterMoment, ay: Expr) -> None:
     """The rear axle yields to a side force: vy - l_r r = -yield ay |vx|, the less certain the more the car corners."""
-    m, n, lr, speed = moment.mean, moment.noise, moment.vehicle.lr, ca.fabs(moment.mean[VX])
+    m, n, lr, speed = moment.mean, moment.noise, moment.car.lr, ca.fabs(moment.mean[VX])
     std = (n.rear_slip + n.rear_slip_per_ay * ca.fabs(ay)) * speed + 0.05
-    expected = lr * moment.yaw_rate - n.rear_slip_yield * ay * speed
+    expected = lr * moment.yaw_rate - moment.car.rear_slip_yield * ay * speed
     moment.gated(_row({VY: 1.0, BIAS_YAW_RATE: lr}), expected - m[VY], std**2)
 
 

@@ -43,8 +43,8 @@ from estimator.state.filter_steps import (
     Step,
     X,
     Y,
+    filter_car,
     levelled,
-    rear_slip_yield,
     step_function,
 )
 from hil_gateway.car.car import Car
@@ -79,8 +79,7 @@ class StateFilter:
     """Mean and covariance of `STATES`; `initialise` first, then `predict` and updates in order of time."""
 
     def __init__(self, car: Car) -> None:
-        self.vehicle = car.vehicle
-        self.noise = FilterNoise(rear_slip_yield(car.tyres))
+        self._car, self.noise = filter_car(car), FilterNoise()
         self.mean = np.zeros(len(STATES))
         self.covariance = np.eye(len(STATES))
         self.yaw_rate = self._yaw_acceleration = 0.0
@@ -94,7 +93,9 @@ class StateFilter:
         self._level = self._step(filter_steps.level, 6)
 
     def _step(self, step: Step, measured: int) -> CompiledFunction:
-        return step_function(step, measured, self.vehicle, self.noise).twin()
+        function = step_function(step, measured).twin()
+        function.inputs[4][:, 0] = self._car
+        return function
 
     def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, **std: float) -> None:
         """Start at a position fix; `NAME_std` says how wrong a state may be, where that is not the usual."""
@@ -196,7 +197,7 @@ class StateFilter:
 
     def _apply(self, function: CompiledFunction, *measured: float) -> list[float]:
         """Evaluate one step from the present state into the next; its normalised innovations squared."""
-        mean, covariance, yaw_rate, u = function.inputs
+        mean, covariance, yaw_rate, u, _ = function.inputs
         mean[:, 0], covariance[:], yaw_rate[0, 0], u[:, 0] = self.mean, self.covariance, self.yaw_rate, measured
         function()
         mean, covariance, yaw_rate, nis = function.outputs

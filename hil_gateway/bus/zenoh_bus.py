@@ -52,6 +52,7 @@ class ZenohSubscription(Generic[M]):
         self._topic = topic
         self._subscriber = session.declare_subscriber(topic.key, RingChannel(depth))
         self._depth = depth
+        self._validate = topic.message.__pydantic_validator__.validate_json
         self._names_sender = "source" in topic.message.model_fields
         self._last: dict[str, tuple[int, int]] = {}
         """by sender: number and stamp of its newest message"""
@@ -76,7 +77,7 @@ class ZenohSubscription(Generic[M]):
             self._count_invalid(f"{len(payload)} bytes, at most {self._topic.max_bytes}")
             return None
         try:
-            message = self._topic.message.model_validate_json(payload.to_bytes())
+            message: M = self._validate(payload.to_bytes())
         except ValidationError as error:
             self._count_invalid(error.errors()[0]["msg"])
             return None
@@ -124,7 +125,7 @@ class ZenohBus:
 
     def publish(self, topic: Topic[M], message: M) -> None:
         publisher = self._publishers.get(topic.key) or self._declare(topic)
-        publisher.put(message.model_dump_json().encode())
+        publisher.put(message.__pydantic_serializer__.to_json(message))
 
     def subscribe(self, topic: Topic[M], depth: int = 1) -> ZenohSubscription[M]:
         return ZenohSubscription(self._session, topic, depth)

@@ -18,7 +18,6 @@ from estimator.state.filter_steps import (
     VY,
     YAW,
     FilterNoise,
-    rear_slip_yield,
 )
 from estimator.state.state_filter import ImuReading, StateFilter
 from hil_gateway.car.car import load_car
@@ -26,7 +25,7 @@ from hil_gateway.car.car import load_car
 DT, FINE = 0.01, 10
 HEADING_STD = 0.0014
 """rad that a receiver states"""
-NOISE = FilterNoise(rear_slip_yield(load_car().tyres), initial_yaw=0.1)
+NOISE = FilterNoise(initial_yaw=0.1)
 """Consistency is a promise about the aligned filter: a linearised one has no 95 % band for a heading 1 rad off."""
 
 

@@ -27,6 +27,7 @@ class TyreReports:
 
     def __init__(self, builder: VehicleStateBuilder) -> None:
         self._builder = builder
+        self._inside, self._over = ([f"tyre.{wheel}.{kind}" for wheel in WHEELS] for kind in ("pressure", "gauge"))
         self._treads = {wheel: builder.reported(f"tyre.{wheel}.temperature.") for wheel in WHEELS}
         self._had: dict[str, float] = {}
         self._flat = ConditionTime()
@@ -37,8 +38,8 @@ class TyreReports:
     def flat_s(self, now_ns: int) -> float:
         """Seconds a tyre has had less than half of the pressure it had, infinite where both values of its report say
         so, which no wrong bit makes them; once a period."""
-        flat = [self._is_flat(wheel) for wheel in WHEELS]  # each keeps its own pressure
-        sure = [self._has_lost(f"tyre.{wheel}.gauge", self._gauge(wheel) or 0.0) for wheel in WHEELS]
+        flat = [self._is_flat(name) for name in self._inside]  # each keeps its own pressure
+        sure = [self._has_lost(name, self._builder.value(name)) for name in self._over]
         self.flat_front, self.flat_rear = any(flat[:2]), any(flat[2:])
         self.flat = self.flat_front or self.flat_rear
         held_s = self._flat.update(self.flat, now_ns)
@@ -56,25 +57,21 @@ class TyreReports:
             seq=self._seq - 1,
             temperature=tuple(sum(tread) / len(tread) if tread else None for tread in treads),
             hottest=tuple(max(tread, default=None) for tread in treads),
-            pressure=tuple(self._gauge(wheel) for wheel in WHEELS),
+            pressure=tuple(self._builder.value(n) if self._builder.known(n) else None for n in self._over),
         )
 
-    def _is_flat(self, wheel: str) -> bool:
-        inside = self._builder.value(f"tyre.{wheel}.pressure")
-        over = inside - AIR_PA
-        return inside >= READS_PA and self._has_lost(f"tyre.{wheel}.pressure", over)
+    def _is_flat(self, name: str) -> bool:
+        inside = self._builder.value(name)
+        return inside >= READS_PA and self._has_lost(name, inside - AIR_PA)
 
     def _has_lost(self, signal: str, over: float) -> bool:
         """Whether a pressure over the air outside, Pa, is less than half of what its signal had."""
         if over > MOST_PA:
             return False
         had = self._had.setdefault(signal, over)
-        self._had[signal] = had + RISE * max(over - had, 0.0)
+        if over > had:
+            self._had[signal] = had + RISE * (over - had)
         return over < LOST * had
 
     def _tread(self, wheel: str) -> list[float]:
         return [self._builder.value(name) for name in self._treads[wheel] if self._builder.known(name)]
-
-    def _gauge(self, wheel: str) -> float | None:
-        name = f"tyre.{wheel}.gauge"
-        return self._builder.value(name) if self._builder.known(name) else None

@@ -141,7 +141,7 @@ class VehicleStateBuilder:
     @property
     def failing(self) -> bool:
         """Whether the car reports a failure of its own."""
-        return any(self.value(name) for name in self._codec.signals.failures)
+        return any(map(self._newest.get, self._codec.signals.failures))
 
     def known(self, quantity: str) -> bool:
         """Whether a plausible value of it has ever come."""
