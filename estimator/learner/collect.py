@@ -14,7 +14,7 @@ import numpy as np
 from estimator.learner.learnt_model import SPREAD
 from estimator.model.extra_load import extra_load
 from hil_gateway.bus.interface import Bus
-from hil_gateway.bus.messages import Estimate, Plan, VehicleState
+from hil_gateway.bus.messages import ESTIMATED, Estimate, Plan, VehicleState
 from hil_gateway.bus.topics import ESTIMATE, PLAN, VEHICLE_STATE
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
@@ -29,8 +29,7 @@ QUEUE_S = 5.0
 WAITING = 100
 """vehicle states kept until their estimate comes, one second"""
 COLUMNS = ("t", *FROM_ESTIMATE, *FROM_STATE, "extra_load", *SPREAD)
-VX, YAW_RATE = 3, 5
-"""positions in `Estimate.std`"""
+VX, YAW_RATE = ESTIMATED.index("vx"), ESTIMATED.index("yaw_rate")
 
 
 @dataclass

@@ -90,6 +90,10 @@ Lacks = Literal["", "start", "position", "heading"]
 """what the state filter does not know: anything yet (`start`), where the car is, where it points"""
 
 
+ESTIMATED = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "bias_ax", "bias_ay", "bias_yaw_rate")
+"""what `Estimate.std` is of, in its order"""
+
+
 class Estimate(Message):
     """Filtered vehicle state at the centre of gravity (100 Hz).
 
@@ -110,7 +114,9 @@ class Estimate(Message):
     bias_ay: Motion
     bias_yaw_rate: Motion
     std: tuple[Parameter, ...] = Field(
-        min_length=9, max_length=9, description="standard deviations of x, y, yaw, vx, vy, yaw_rate, biases"
+        min_length=len(ESTIMATED),
+        max_length=len(ESTIMATED),
+        description="standard deviations of x, y, yaw, vx, vy, yaw_rate, biases",
     )
     grade_share: Reported = Field(default=1.0, description="share of the track map's grade that is real")
     bank_share: Reported = Field(default=1.0, description="the same of its bank")

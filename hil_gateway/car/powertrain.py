@@ -5,17 +5,17 @@ The plant has its own; where the two differ, the tyre belief learns the differen
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from itertools import pairwise
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from can_dbc.units import UNITS
 from hil_gateway.car.figures import Force, In, Number, Pressure, Rpm, Seconds, Torque
 from hil_gateway.process.model import Model
 
-RPM = 2 * math.pi / 60
+RPM = UNITS["rpm"].factor
 """rad/s per rpm."""
 RPM_MAX = 16_000.0
 """no piston engine of a race car turns faster for long: a slip of a digit lies beyond"""

@@ -12,28 +12,24 @@ from hil_gateway.bus.outside import Quality
 from hil_gateway.receiver.nmea import Sentence
 from hil_gateway.receiver.oem7 import FINE, ReceiverLog
 
-NARROW_INT = 50
-"""position type of a log that names none: it is not judged by it"""
 FIXED = frozenset({48, 49, 50, 51, 56})
 """position types: L1, wide-lane and narrow-lane integers, RTK into the INS, INS with fixed RTK"""
 FLOAT = frozenset({32, 33, 34, 35, 55})
 """float ambiguities, INS with float RTK"""
 INS_GOOD = 3
 """INS_SOLUTION_GOOD; 2 is high variance, 6 runs without GNSS updates, 7 is aligned and waits for motion"""
-LATENCY_MAX_S = 1.0
-"""of a velocity; receivers state 0 to 0.25 s"""
-SOLUTION_AGE_MAX_S = 1.0
-"""older corrections or an older solution: what is sent is extrapolated"""
+AGE_MAX_S = 1.0
+"""of corrections and of a solution: older, what is sent is extrapolated; of a velocity receivers state 0 to 0.25 s"""
 
 
 def judge(log: ReceiverLog) -> tuple[Quality, str]:
     """Quality, and why it is not fixed."""
     if refusal := _refusal(log):
         return Quality.REFUSED, refusal
-    values, kind = log.values, log.values.get("position_type", NARROW_INT)
-    if max(values.get("differential_age_s", 0.0), values.get("solution_age_s", 0.0)) > SOLUTION_AGE_MAX_S:
-        return Quality.DEGRADED, f"corrections older than {SOLUTION_AGE_MAX_S:g} s"
-    if kind not in FIXED | FLOAT:
+    values, kind = log.values, log.values.get("position_type")
+    if max(values.get("differential_age_s", 0.0), values.get("solution_age_s", 0.0)) > AGE_MAX_S:
+        return Quality.DEGRADED, f"corrections older than {AGE_MAX_S:g} s"
+    if kind is not None and kind not in FIXED | FLOAT:
         return Quality.DEGRADED if "ins_status" in values else Quality.REFUSED, f"no RTK (type {kind})"
     return (Quality.DEGRADED, f"float (type {kind})") if kind in FLOAT else (Quality.FIXED, "")
 
@@ -63,6 +59,6 @@ def _refusal(log: ReceiverLog) -> str:
         return f"INS not ready (status {values['ins_status']})"
     if not all(math.isfinite(value) for value in values.values() if isinstance(value, float)):
         return "a value is not a number"
-    if not 0.0 <= values.get("latency_s", 0.0) <= LATENCY_MAX_S:
+    if not 0.0 <= values.get("latency_s", 0.0) <= AGE_MAX_S:
         return "latency of the velocity out of range"
     return ""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.bus.messages import ESTIMATED, Estimate, VehicleState
 from hil_gateway.bus.topics import ESTIMATE, PLAN, VEHICLE_STATE
 from hil_gateway.car.actuation import brake_balance
 from hil_gateway.car.states import under_yellow
@@ -25,8 +25,7 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.format import named, unpack_message
 from hil_gateway.session.files.reader import Item, SessionReader
 
-VY = 4
-"""of the deviations of an estimate"""
+VY = ESTIMATED.index("vy")
 FROM_ESTIMATE: Mapping[str, Callable[[Estimate], float]] = {
     "vx": lambda e: e.vx,
     "vy": lambda e: e.vy,

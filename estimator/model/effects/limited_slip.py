@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from can_dbc.units import UNITS
 from estimator.model.effect import NOT_DRIVEN_WITH, Effect
 from estimator.model.effects.yaw_damping import EFFECT as YAW_DAMPING
 from estimator.model.parameters import Parameter, Plausible
@@ -18,12 +19,11 @@ PRELOAD = 1000.0
 """N; longitudinal force that presses the clutches as their springs do"""
 STRAIGHT = 0.02
 """rad/s; below it the moment fades, as the wheels' speeds hardly differ"""
-N_PER_KN = 1e3
 
 
 def _body(terms: Terms, lever: Expr, compliance: Expr) -> None:
     most = lever * ca.sqrt(terms.fx_r * terms.fx_r + PRELOAD * PRELOAD)
-    slipping_from = compliance * terms.vx * most / N_PER_KN
+    slipping_from = compliance * terms.vx * most / UNITS["kN"].factor
     omega = terms.yaw_rate
     terms.body_yaw = terms.body_yaw - most * omega / ca.sqrt(
         omega * omega + slipping_from * slipping_from + STRAIGHT * STRAIGHT

@@ -14,9 +14,10 @@ import casadi as ca
 from estimator.model.effect import Effect, Hook
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
 from estimator.offline.predict.compiled_columns import CompiledColumns
+from estimator.offline.record.record import STATE_ROWS
 from hil_gateway.process.arrays import Expr
 
-STATES = 3
+STATES = len(STATE_ROWS)
 """vx, vy, yaw_rate: the first of `SIGNALS`, and the integrals of the last three channels (other order)."""
 KEPT = 48
 """Models whose functions are kept: more than a round of a search tries, and 50 MB at most."""

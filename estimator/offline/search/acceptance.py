@@ -26,7 +26,10 @@ RELATIVE_SHARE = 0.01
 """Least gain relative to everything accepted so far: less is the imperfect shape of an accepted effect."""
 BEYOND_NOISE = 1.25
 """RMS over the noise floor: 56 % more variance than noise; the true model stays within 3 % on practice drives."""
-ACCELEROMETER = {0: 0, 1: 1, 3: 0, 4: 1}
+ACCELEROMETER = {
+    CHANNELS.index(shown): CHANNELS.index(axis)
+    for shown, axis in (("ax", "ax"), ("ay", "ay"), ("vx_dot", "ax"), ("vy_dot", "ay"))
+}
 """Row of ax or ay for what shows in it or in the velocity along it."""
 YAW_ACC, AY = CHANNELS.index("yaw_acc"), CHANNELS.index("ay")
 """Rows of `CHANNELS`; what turns the car by the forces of its tyres shows in ay too."""
