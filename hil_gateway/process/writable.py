@@ -14,10 +14,8 @@ from pathlib import Path
 
 from hil_gateway.process.errors import InputError
 
-NAME_MAX = 255
-"""bytes of one name, NAME_MAX of <linux/limits.h>"""
-PATH_MAX = 4096
-"""bytes of a whole path with its closing zero, PATH_MAX of <linux/limits.h>"""
+NAME_MAX, PATH_MAX = (os.pathconf("/", limit) for limit in ("PC_NAME_MAX", "PC_PATH_MAX"))
+"""bytes of one name, and of a whole path with its closing zero"""
 RECORDING = ".mcap"
 """ending of recorded drives, which cannot be made again"""
 ASIDE = 12

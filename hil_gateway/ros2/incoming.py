@@ -16,6 +16,7 @@ from typing import Any
 from hil_gateway.bus.messages import Command, VehicleState
 from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.config import Config
+from hil_gateway.gateway.command_gate import SOURCE_TIMEOUT_S
 from hil_gateway.gateway.perceive.road_speed import road_speed
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.ros2 import topics as ros
@@ -24,8 +25,6 @@ from hil_gateway.ros2.session import ReceivedSample
 from hil_gateway.ros2.types import Types
 from hil_gateway.ros2.wire import Attachment
 
-SENDER_TIMEOUT_NS = NS_PER_S // 2
-"""A node silent for so long may be replaced on its topic; the gateway decides whether it may take over."""
 SPEED_TIME_S = 0.5
 """time constant with which an Ackermann command's speed is approached"""
 Name = Callable[[bytes], str]
@@ -104,7 +103,7 @@ class Incoming:
 
     def _disorder(self, topic: str, attachment: Attachment, now_ns: int) -> str:
         known = self._newest.get(topic)
-        if known is None or now_ns - known.received_ns > SENDER_TIMEOUT_NS:
+        if known is None or now_ns - known.received_ns > SOURCE_TIMEOUT_S * NS_PER_S:
             return ""
         if attachment.gid != known.gid:
             return f"{topic} has a second sender"
