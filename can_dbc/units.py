@@ -63,6 +63,7 @@ UNITS: dict[str, Unit] = {
     "kmph": Unit(1 / 3.6, "m/s"),
     "km/h": Unit(1 / 3.6, "m/s"),
     "mph": Unit(0.44704, "m/s"),
+    "kn": Unit(1852.0 / 3600.0, "m/s"),
     "m/s2": Unit(1.0, "m/s2"),
     "g": Unit(GRAVITY, "m/s2"),
     "mg": Unit(1e-3 * GRAVITY, "m/s2"),

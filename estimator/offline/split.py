@@ -44,7 +44,7 @@ def split(log: DriveLog, samples: Samples, own_time: float, every: int = EVERY) 
         kind = f"{len(np.unique(number[held]))} of {laps.size} whole laps held out"
     else:
         block_s = min(BLOCK * own_time, seconds / every)
-        number = np.floor(samples.t / block_s).astype(np.int64)
+        number = np.floor((samples.t - log["t"][0]) / block_s).astype(np.int64)
         held = number % every == every - 1
         kind = f"blocks of {block_s:.3g} s, one of every {every} held out"
     guard = round(guard_s / samples.step)

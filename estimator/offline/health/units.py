@@ -2,8 +2,8 @@
 
 Each relation of the motion (d/dt vx and ax, vx yaw_rate and ay, the curvature driven and steered, positions, heading)
 ties two or three channels by the factors that each is off by. One relation alone cannot say which channel is wrong;
-all of them can: the factors are those of the largest posterior over a small set (km/h, mph, degrees, g, signs), where
-every conversion has a price. What no factor of the set explains is asked, not guessed.
+all of them can: the factors are those of the largest posterior over a small set (km/h, mph, kn, degrees, g, signs),
+where every conversion has a price. What no factor of the set explains is asked, not guessed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 
-SPEEDS = {"m/s": 1.0, "km/h": 1.0 / FACTORS["km/h"].factor, "mph": 1.0 / FACTORS["mph"].factor}
+SPEEDS = {"m/s": 1.0, **{unit: 1.0 / FACTORS[unit].factor for unit in ("km/h", "mph", "kn")}}
 ANGLES = {"rad": 1.0, "degrees": 1.0 / FACTORS["deg"].factor}
 ACCELERATIONS = {"m/s2": 1.0, "g": 1.0 / GRAVITY}
 SLIPS = {"slip": 1.0, "percent": 100.0}

@@ -33,7 +33,7 @@ _BASE = re.compile(r"\s*base\s+(hex|dec)\b(?:\s+timestamps\s+(absolute|relative)
 _TRIGGER = re.compile(r"\s*begin\s+trigger\s?block\s+(.+)", re.IGNORECASE)
 _MILLISECONDS = re.compile(r"(?<=:\d\d\.)\d{1,2}(?!\d)")
 """python-can writes those of a date without leading zeros"""
-_EVENT = re.compile(r"\s*(\d+[.,]\d+)\s+(\S+)\s+(.*)")
+_EVENT = re.compile(r"\s*(-?\d+[.,]\d+)\s+(\S+)\s+(.*)")
 _CLASSIC = re.compile(r"(\S+)\s+(Rx|Tx|TxRq)\s+([dr])\b\s*(?:([0-9A-F]{1,2})\b)?\s*(.*)", re.IGNORECASE)
 _LONGER = re.compile(r"(\d+)\s+(Rx|Tx|TxRq)\s+(\S+)\s+(.*)", re.IGNORECASE)
 REQUEST_TO_SEND = "txrq"

@@ -124,6 +124,15 @@ def test_a_log_too_short_to_hold_anything_out_is_refused_in_one_line(tmp_path: P
         identify(read_logs([path]), load_car().vehicle, tyre_prior(load_car(), "per_axle"), Options(method="batch"))
 
 
+def test_the_clock_of_a_log_changes_nothing(log_file: Path) -> None:
+    """Seconds of the day, of a bag or of Unix are the same drive: the same rows are held out."""
+    log, options = read_logs([log_file]), Options(method="batch")
+    later = replace(log, columns={**log.columns, "t": log["t"] + 86_390.0})
+    one, other = (identify(each, load_car().vehicle, TYRE, options) for each in (log, later))
+    assert np.array_equal(one.split.test, other.split.test)
+    assert other.final == pytest.approx(one.final, rel=1e-6)
+
+
 def test_a_lap_column_that_leaves_nothing_to_fit_is_refused_in_one_line(tmp_path: Path) -> None:
     """Laps of a second are all within the guard time of one that is held out."""
     columns = simulate([TYRE], 26.0, seed=32)[0].columns

@@ -147,6 +147,15 @@ def content(frames: list[Frame]) -> list[tuple[int, bytes]]:
     return [(frame.id, frame.data) for frame in frames]
 
 
+def test_frames_before_the_trigger_are_read(tmp_path: Path) -> None:
+    """Their times are below zero."""
+    lines = [f"{time}  1  123  Rx  d 1 {n:02X}" for n, time in enumerate(("-0.500000", "-0.250000", "0.250000"))]
+    (tmp_path / "a.asc").write_text("\n".join(["date 9.11.2026 15:06:13", "base hex  timestamps absolute", *lines]))
+    frames = [entry.frame for entry in open_log(tmp_path / "a.asc").frames()]
+    assert [frame.data for frame in frames] == [b"\0", b"\1", b"\2"]
+    assert [b.stamp_ns - a.stamp_ns for a, b in pairwise(frames)] == [250_000_000, 500_000_000]
+
+
 def test_python_cans_own_asc_begins_at_its_first_frame(tmp_path: Path) -> None:
     """Its milliseconds of a date have no leading zeros: 10 ms are no 100 ms."""
     start_s = DATE // NS_PER_S + 0.01

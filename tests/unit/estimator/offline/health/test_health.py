@@ -216,10 +216,10 @@ def test_a_channel_too_small_to_be_squared_is_examined_all_the_same() -> None:
     examine(_log(steer=1e-300 * COLUMNS["steer"]), VEHICLE)
 
 
-KMH, DEG, G = 3.6, 57.29578, 9.80665
+KMH, KNOT, DEG, G = 3.6, 3600.0 / 1852.0, 57.29578, 9.80665
 SLIPS: list[dict[str, float]] = [
-    {}, {"vx": KMH}, {"vx": KMH, "vy": KMH}, {"vx": 2.23694, "vy": 2.23694}, {"vy": -1.0}, {"yaw_rate": -DEG},
-    {"ax": 1 / G, "ay": 1 / G}, {"steer": -DEG}, {"yaw_rate": DEG, "steer": DEG},
+    {}, {"vx": KMH}, {"vx": KMH, "vy": KMH}, {"vx": 2.23694, "vy": 2.23694}, {"vx": KNOT, "vy": KNOT}, {"vy": -1.0},
+    {"yaw_rate": -DEG},    {"ax": 1 / G, "ay": 1 / G}, {"steer": -DEG}, {"yaw_rate": DEG, "steer": DEG},
     {"vx": KMH, "vy": KMH, "yaw_rate": DEG, "ax": 1 / G, "ay": 1 / G, "steer": DEG},
 ]  # fmt: skip
 
