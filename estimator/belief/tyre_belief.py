@@ -168,8 +168,8 @@ class TyreBelief:
     def _keep_sane(self, dt: float) -> None:
         """Drift and bounds."""
         if self.settings.drift > 0:
-            room = np.clip(1.0 - np.diag(self.scaled_covariance), 0.0, None)
-            self.scaled_covariance += np.diag(np.minimum(self.settings.drift**2 * dt, room))
+            variances = np.einsum("ii->i", self.scaled_covariance)  # a view of the diagonal
+            variances += np.minimum(self.settings.drift**2 * dt, np.maximum(1.0 - variances, 0.0))
         if (self.deviation < self.lower).any() or (self.deviation > self.upper).any():
             self._project_on_bounds()
 

@@ -68,6 +68,8 @@ class Bank:
         self.main, *self._lanes = (FilterLane(function, i) for i in range(FILTERS))
         self.main.mean[:], self.main.covariance[:] = self._prior
         self._moving = False
+        self._used: tuple[bool, ...] = ()
+        """measurements that were there in the last period"""
         function.inputs[2][-len(numbers) :, 0] = numbers
 
     @property
@@ -82,8 +84,10 @@ class Bank:
             self._begin()
         means, covariances, given, uses = self._function.inputs
         given[: len(period), 0] = period
-        uses[: -self._imu] = np.array(others)[:, np.newaxis]
-        self.main.uses[-self._imu :] = imu
+        if self._used != (used := (*others, imu)):
+            self._used = used
+            uses[: -self._imu] = np.array(others)[:, np.newaxis]
+            self.main.uses[-self._imu :] = imu
         self._function()
         means[:], covariances[:] = self._function.outputs[:2]
         for lane in self._lanes:
