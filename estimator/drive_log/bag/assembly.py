@@ -20,7 +20,7 @@ from estimator.drive_log.lag import lag_between
 from estimator.drive_log.text_table import WrittenTable
 from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.config import OriginConfig
+from hil_gateway.config import Config, OriginConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.drive_table import VY_STD
@@ -43,6 +43,8 @@ RATES = (100.0, 50.0, 25.0)
 NEARLY = 0.75
 CAR_SLIP = 0.5
 """rad: a velocity further off the x axis for a tenth of the drive is not in body axes"""
+OTHER_GEAR = 0.1
+"""Share by which an engine is off the speed of its gear at most: driven wheels slip and grow by less than half of it"""
 STOP = 1.0
 """m/s, below which a direction of motion is none"""
 GAP_STEPS, GAP_S = 4.0, 0.1
@@ -114,12 +116,23 @@ def _with_drive(columns: dict[str, Array], drive: BagDrive) -> dict[str, Array]:
     pedals = ("throttle", "brake", "engine_speed", "gear")
     if not all(name in columns and np.isfinite(columns[name]).all() for name in pedals):
         return columns
+    car = drive.config.car.name
+    if not _in_gear(columns, drive.config):
+        drive.notes.append(f"engine speed and gear are not those of the power train of the car {car}: it is not used")
+        return columns
     actuation = Actuation(drive.config.vehicle, drive.config.powertrain)
     rows = zip(*(columns[name].tolist() for name in pedals), strict=True)
     made = [actuation.to_drive(ActuatorPositions(0.0, a, p, p, int(gear)), w, int(gear)) for a, p, w, gear in rows]
-    car = drive.config.car.name
     drive.notes.append(f"drive is made of {', '.join(pedals)} by the declared power train of the car {car}")
     return columns | {"drive": np.array(made)}
+
+
+def _in_gear(columns: Mapping[str, Array], config: Config) -> bool:
+    """Whether the engine turns as fast as the declared gears make it at the speed of the car."""
+    ratio = np.array([config.powertrain.ratio(int(gear)) for gear in columns["gear"]])
+    fast = columns["vx"] > 0.5 * np.nanmax(columns["vx"])
+    turning, engine = ratio * columns["vx"] / config.vehicle.wheel_radius, columns["engine_speed"]
+    return bool(np.median(np.abs(turning - engine)[fast]) < OTHER_GEAR * np.median(engine[fast]))
 
 
 def _with_motion(source: BagSource, drive: BagDrive) -> BagSource:

@@ -168,9 +168,10 @@ def test_what_a_bag_lacks_is_said_in_one_line(tmp_path: Path, messages: Any, sai
     assert "\n" not in str(error.value)
 
 
-def _pressed(drive: float) -> dict[str, float]:
+def _pressed(drive: float, vx: float) -> dict[str, float]:
     """What a car reports of its pedals in third gear for this drive, and the drive that it comes to."""
-    car, gear, speed = load_car(), 3, 500.0
+    car, gear = load_car(), 3
+    speed = vx * car.powertrain.ratio(gear) / car.vehicle.wheel_radius
     actuation = Actuation(car.vehicle, car.powertrain)
     pedals = actuation.to_actuators(0.0, drive, gear, speed, gear)
     pressed = {"accelerator": pedals.accelerator, "throttle": pedals.accelerator, "gear": gear, "engine_speed": speed}
@@ -178,16 +179,18 @@ def _pressed(drive: float) -> dict[str, float]:
     return {**pressed, **brakes, "drive": actuation.to_drive(pedals, speed, gear)}
 
 
-def _session(path: Path) -> Path:
-    """A recording of the drive: states, valid estimates and a frame."""
+def _session(path: Path, gear: int = 3) -> Path:
+    """A recording of the drive: states, valid estimates and a frame; the car says it is in `gear`."""
     needed = [name for name, field in m.VehicleState.model_fields.items() if field.is_required()]
     state = dict.fromkeys(needed, 0) | {"sources": {}, "valid": True}
     with SessionFile(path, {}) as file:
         for i in range(500):
             ns, row = i * 10_000_000, {name: float(DRIVEN[name][i]) for name in DRIVEN}
             speeds = {f"wheel_speed_{w}": row["vx"] for w in ("fl", "fr", "rl", "rr")}
-            shared = {n: row[n] for n in ("ax", "ay", "yaw_rate", "steer")} | _pressed(row["drive"])
-            said = m.VehicleState.model_validate(state | {"stamp_ns": ns, "seq": i, "az": 9.8} | speeds | shared)
+            shared = {n: row[n] for n in ("ax", "ay", "yaw_rate", "steer")} | _pressed(row["drive"], row["vx"])
+            said = m.VehicleState.model_validate(
+                state | {"stamp_ns": ns, "seq": i, "az": 9.8} | speeds | shared | {"gear": gear}
+            )
             moving = {n: row[n] for n in ("x", "y", "yaw", "vx", "vy", "yaw_rate", "steer")}
             estimate = m.Estimate(
                 stamp_ns=ns + 1000, seq=i, state_stamp_ns=ns, valid=True, bias_ax=0, bias_ay=0, bias_yaw_rate=0,
@@ -224,6 +227,15 @@ def test_a_session_is_the_same_drive_log_in_every_format(tmp_path: Path, name: s
     assert set(exported.columns) == set(recorded.columns)
     assert np.ptp(recorded["drive"]) > 0.02
     assert all(np.allclose(exported[n], recorded[n], rtol=error, atol=error) for n in recorded.columns)
+
+
+@pytest.mark.parametrize("gear", [0, 4, 9])
+def test_a_power_train_that_is_not_the_bags_makes_no_drive(tmp_path: Path, gear: int) -> None:
+    """Gears that are not reported, or that are those of another car: the drive would be without its throttle."""
+    export_ros2(_session(tmp_path / "s.mcap", gear), tmp_path / "ros.mcap")
+    log = read_log(tmp_path / "ros.mcap")
+    assert "drive" in log.derived
+    assert any("are not those of the power train" in note for note in log.notes)
 
 
 def test_damage_never_ends_in_a_traceback(tmp_path: Path, indy_bag: Path) -> None:
