@@ -179,17 +179,9 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(
         "yaw_rate_wrong",
-        "the yaw rate does not fit wheels, steering and force",
+        "the IMU does not fit wheels, steering, engine and brakes",
         "yaw_rate_wrong",
         0.15,
-        _STOP,
-        Clear.REARM,
-    ),
-    Row(
-        "acceleration_wrong",
-        "the IMU does not fit wheel speeds and yaw rate",
-        "acceleration_wrong",
-        0.2,
         _STOP,
         Clear.REARM,
     ),

@@ -295,7 +295,7 @@ class MotionReader:
             ahead += car.wheelbase * turn * math.sin(state.steer) / self.motion.speed
         ahead = max(ahead, LEAST_AHEAD)
         fl, fr, rl, rr = wheel_speeds(state)
-        return max(_not_spinning((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear), state.drive), 0.0)
+        return max(second_fastest((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear), state.drive), 0.0)
 
     def _braked(self, state: VehicleState, commanded: ActuatorPositions | None) -> float:
         """Deceleration by the brakes as they are reported, else as they are asked for, m/s2."""
@@ -361,12 +361,8 @@ def wheel_speeds(state: VehicleState) -> tuple[float, float, float, float]:
     return state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
 
 
-def second_fastest(state: VehicleState) -> float:
-    """Speed of the second fastest wheel, m/s, that does not spin: one sensor may be wrong either way."""
-    return _not_spinning(wheel_speeds(state), state.drive)
-
-
-def _not_spinning(speeds: tuple[float, float, float, float], drive: float) -> float:
-    """Second fastest of the speeds (fl, fr, rl, rr), m/s; under power both driven wheels may be faster than the car."""
+def second_fastest(speeds: tuple[float, float, float, float], drive: float) -> float:
+    """Of the speeds (fl, fr, rl, rr), m/s: one sensor may be wrong, and under power both driven wheels may be
+    faster than the car."""
     second, front = sorted(speeds)[-2], max(speeds[:2])
     return front if drive > POWERED and SPIN_LEAST * second < front < second else second
