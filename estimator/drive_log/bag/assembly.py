@@ -73,12 +73,14 @@ def read_bag_drive(path: Path) -> WrittenTable:
     _check(drive, chosen)
     t = _times(drive, chosen)
     columns = _mounted(t, _columns(t, chosen), drive)
-    columns = _with_drive(_without_delays(t, columns, chosen, drive), drive)
-    names = [name for name in columns if np.isfinite(columns[name]).any()]
+    columns = _without_delays(t, columns, chosen, drive)
     whole = np.all([np.isfinite(columns[n]) for c in chosen if c.names[0] in NEEDED for n in c.names], axis=0)
     if not whole.all():
         drive.notes.append(f"{int((~whole).sum())} of {len(t)} rows are left out: a source that is needed was silent")
-    values = np.column_stack([t, *(columns[name] for name in names)])[whole]
+    there = {name: column[whole] for name, column in columns.items() if np.isfinite(column).any()}
+    columns = _with_drive(there, drive)
+    names = list(columns)
+    values = np.column_stack([t[whole], *columns.values()])
     lines = np.arange(1, len(values) + 1, dtype=np.int64)
     return WrittenTable(("t", *names), ("",) * (len(names) + 1), values, lines, 0, tuple(drive.notes))
 
@@ -130,7 +132,9 @@ def _with_drive(columns: dict[str, Array], drive: BagDrive) -> dict[str, Array]:
 def _in_gear(columns: Mapping[str, Array], config: Config) -> bool:
     """Whether the engine turns as fast as the declared gears make it at the speed of the car."""
     ratio = np.array([config.powertrain.ratio(int(gear)) for gear in columns["gear"]])
-    fast = columns["vx"] > 0.5 * np.nanmax(columns["vx"])
+    fast = columns["vx"] > 0.5 * columns["vx"].max(initial=0.0)
+    if not fast.any():
+        return False
     turning, engine = ratio * columns["vx"] / config.vehicle.wheel_radius, columns["engine_speed"]
     return bool(np.median(np.abs(turning - engine)[fast]) < OTHER_GEAR * np.median(engine[fast]))
 
