@@ -17,7 +17,7 @@ from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.observer.kalman import scalar_update, symmetric
 from hil_gateway.process.arrays import Expr
-from hil_gateway.process.compiled import EXACT, CompiledFunction, compile_function
+from hil_gateway.process.compiled import EXACT_SOON, CompiledFunction, compile_function
 
 STATES = (
     "x",
@@ -181,7 +181,8 @@ def step_function(step: Step, measured: int) -> CompiledFunction:
     moment = FilterMoment(*start, FilterCar(*ca.vertsplit(car)))
     step(moment, *ca.vertsplit(u))
     end = [moment.mean, moment.covariance, moment.yaw_rate, ca.vertcat(*moment.nis) if moment.nis else ca.SX(0, 1)]
-    return compile_function(ca.Function(step.__name__, [*start, u, car], [ca.densify(e) for e in end]), flags=EXACT)
+    function = ca.Function(step.__name__, [*start, u, car], [ca.densify(e) for e in end])
+    return compile_function(function, flags=EXACT_SOON)
 
 
 def predict(moment: FilterMoment, *imu: Expr) -> None:
