@@ -23,7 +23,7 @@ from estimator.model.effect import VY_SENSOR
 from estimator.model.effects import catalogue
 from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
-from estimator.offline import identification
+from estimator.offline import fit_and_repair
 from estimator.offline.health import examine
 from estimator.offline.health.lateral_velocity import place_left
 from estimator.offline.health.offsets import lag_left
@@ -263,10 +263,10 @@ def test_what_a_fit_finds_of_the_place_of_vy_and_the_lag_of_the_yaw_rate_is_take
 def test_a_fit_is_kept_where_what_it_finds_of_vy_and_yaw_rate_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
     log, options = late(0.3, ay=False), Options()
     place, lag = f"{VY_SENSOR}.x", f"{YAW_RATE_TIMING}.tau"
-    monkeypatch.setattr(identification, "_is_fast", lambda *_: True)
+    monkeypatch.setattr(fit_and_repair, "_is_fast", lambda *_: True)
     results = []
     for moves in (False, True):
-        monkeypatch.setattr(identification, "moves_ay", lambda *_, moves=moves: moves)
+        monkeypatch.setattr(fit_and_repair, "moves_ay", lambda *_, moves=moves: moves)
         results.append(identify(log, load_car().vehicle, PRIOR, options))
     left, taken_out = (one.fit.values for one in results)
     assert taken_out == left | {place: 0.0, lag: 0.0}, "a further fit drifts"
@@ -289,16 +289,16 @@ def test_forces_are_fitted_again_while_that_tells_vy_and_yaw_rate_and_until_it_c
         made.append(SimpleNamespace(fit=SimpleNamespace(values={}, spread=spread, converged=len(made) == converged)))
         return made[-1]
 
-    monkeypatch.setattr(identification, "_fit_and_split", fit)
-    assert identification._fit_with_forces(None, None, fit()) is made[best]
+    monkeypatch.setattr(fit_and_repair, "_fit_and_split", fit)
+    assert fit_and_repair._fit_with_forces(None, None, fit()) is made[best]
     assert len(made) == fits
 
 
 def test_a_fit_that_simulates_neither_vy_nor_yaw_rate_is_not_gone_on_with(monkeypatch: pytest.MonkeyPatch) -> None:
     made = [SimpleNamespace(fit=SimpleNamespace(values={}, spread={"ay": ay}, converged=False)) for ay in (0.2, 0.1)]
     fits = iter(made)
-    monkeypatch.setattr(identification, "_fit_and_split", lambda *_: next(fits))
-    assert identification._fit_with_forces(None, None, made[0]) is made[0]
+    monkeypatch.setattr(fit_and_repair, "_fit_and_split", lambda *_: next(fits))
+    assert fit_and_repair._fit_with_forces(None, None, made[0]) is made[0]
 
 
 @pytest.mark.long

@@ -48,7 +48,7 @@ def test_a_car_that_a_file_names_is_the_same_as_one_that_the_command_line_names(
         ("[powertrain]\ndownshift_rpm = 6600\n", "clutch_rpm < downshift_rpm < upshift_rpm"),
         ("[powertrain]\nbrake_force_per_pa = 1e-4\n", "emergency_deceleration asks for 12"),
         ("a = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
-        ("#" * 1_000_001, "a configuration has at most 1000000"),
+        ("#" * 20_000_001, "a configuration has at most 20000000"),
     ],
 )
 def test_bad_file_names_file_key_and_value(tmp_path: Path, text: str, expected: str) -> None:
