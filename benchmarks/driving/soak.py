@@ -7,11 +7,11 @@ gateway itself is gone the car stops by its own brakes: whether it stays on the 
 
 from __future__ import annotations
 
-import os
 import random
 import shutil
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -100,9 +100,10 @@ def _step_clock(loop: LiveLoop, rng: random.Random) -> None:
 
 
 def _fill_disk(loop: LiveLoop, _: random.Random) -> None:
-    filler = loop.folder / "filler"
-    with filler.open("wb") as file:
-        os.posix_fallocate(file.fileno(), 0, shutil.disk_usage(loop.folder).free)
+    filler, block = loop.folder / "filler", bytes(1 << 20)
+    with suppress(OSError), filler.open("wb", buffering=0) as file:  # until there is no space left
+        while file.write(block):
+            pass
     loop.look(3.0)
     filler.unlink()
     loop.look(1.0)

@@ -83,11 +83,11 @@ class RunDesk:
 
     def _ask(self, request: RunRequest, s: float, base: Reference, now_ns: int) -> None:
         if request.action in (RunAction.START, RunAction.NEXT) and self._black(now_ns):
-            self.progress.said = "refused: black flag of race control"
+            self.progress.refused = "black flag of race control"
             return
         end = self._ends(request.plan or self.progress.plan, base)
         if isinstance(end, str):
-            self.progress.said = f"refused: {end}"
+            self.progress.refused = end
         elif self.progress.ask(request, s, end.s, 0.0 if end.route is None else end.route.way_in):
             self._end = end
 
@@ -140,7 +140,8 @@ class RunDesk:
         return RunStatus(
             stamp_ns=now_ns, seq=self._seq, phase=p.phase, number=p.number, plan=p.plan, lap=p.lap,
             **_said(caps), caps_from=p.caps_from, answered=self._answered, clean=p.clean, said=p.said,
-            stop_at=None if p.plan is None else self._end.at, box=self._end.box, in_pit_lane=self._in_lane,
+            refused=p.refused, stop_at=None if p.plan is None else self._end.at, box=self._end.box,
+            in_pit_lane=self._in_lane,
         )  # fmt: skip
 
 

@@ -35,6 +35,8 @@ class Progress:
     lap: int = 0
     caps_from: str = ""
     said: str = ""
+    refused: str = ""
+    """why the last request came to nothing"""
     stop_s: float | None = None
     """progress at which the car is to stop, m"""
     clean: bool | None = None
@@ -64,19 +66,19 @@ class Progress:
     def ask(self, request: RunRequest, s: float, place: float, way_in: float = 0.0) -> bool:
         """A person's request with the car at progress `s`: whether a run begins. `place` is where its in lap will end,
         m along the line, on a way that parts from the race line `way_in` (m) before it."""
-        under_way = self.phase in WAYS
+        under_way, self.refused = self.phase in WAYS, ""
         if request.action in (RunAction.START, RunAction.NEXT):
             plan = request.plan or self.plan
             if under_way:
-                self.said = f"refused: run {self.number} is under way: first `hil run in` or `hil run abort`"
+                self.refused = f"run {self.number} is under way: first `hil run in` or `hil run abort`"
             elif plan is None:
-                self.said = "refused: there is no run to go on with: `hil run start run.toml`"
+                self.refused = "there is no run to go on with: `hil run start run.toml`"
             else:
                 self._place, self._way_in = place, way_in
                 self._start(plan, s)
                 return True
         elif not under_way:
-            self.said = "refused: no run is under way"
+            self.refused = "no run is under way"
         elif request.action is RunAction.IN:
             self.come_in("in lap, as asked")
         else:

@@ -134,8 +134,9 @@ class RunStatus(Message):
     box: Count | None = Field(default=None, description="in which the in lap ends; null: on the road")
     in_pit_lane: bool = Field(default=False, description="whether the car is where only the pit lane is")
     clean: bool | None = Field(default=None, description="of a run that is done: whether caps may rise")
-    said: Text = Field(default="", description="what the last request came to, or why the run ended")
+    said: Text = Field(default="", description="why the run is where it is")
     answered: Name = Field(default="", description="source of the last request")
+    refused: Text = Field(default="", description="why that request came to nothing")
 
     @property
     def caps(self) -> str:

@@ -19,8 +19,6 @@ app = typer.Typer(
     no_args_is_help=True, help="Runs: laps, caps on speed and grip, in lap. Arming stays `hil gateway arm`."
 )
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="TOML configuration")]
-REFUSED = "refused"
-"""how an answer begins that says no"""
 
 
 @app.command()
@@ -87,8 +85,8 @@ def _ask(config: Path | None, action: RunAction | None, plan: RunPlan | None = N
         bus.close()
     if answer is None or (action is not None and answer.answered != source):
         raise InputError("the planner does not answer the request: is it held up?")
-    if answer.said.startswith(REFUSED):
-        typer.echo(answer.said, err=True)
+    if action is not None and answer.refused:
+        typer.echo(f"refused: {answer.refused}", err=True)
         raise typer.Exit(EXIT_FAILURE)
     typer.echo(described(answer))
 

@@ -126,7 +126,7 @@ def test_a_black_flag_brings_the_car_into_its_box_and_keeps_it_there() -> None:
     drive.assert_in_box()
     drive.ask(RunAction.NEXT)
     drive.go(1.0)
-    assert drive.status.said == "refused: black flag of race control" and drive.loop.plant.car.standing
+    assert drive.status.refused == "black flag of race control" and drive.loop.plant.car.standing
     drive.show(VehicleFlag.NONE)
     drive.ask(RunAction.NEXT)
     drive.go(3.0)

@@ -113,10 +113,12 @@ def test_what_cannot_be_asked_for_is_refused_in_words():
     drive = Drive()
     for action in (RunAction.IN, RunAction.ABORT, RunAction.NEXT):
         drive.ask(action)
-        assert drive.run.said.startswith("refused") and drive.run.phase is RunPhase.NONE
+        assert drive.run.refused and drive.run.phase is RunPhase.NONE
     drive.ask(RunAction.START, RunPlan())
     drive.ask(RunAction.START, RunPlan(laps=7))
-    assert drive.run.said.startswith("refused") and drive.run.plan == RunPlan()
+    assert drive.run.refused and drive.run.plan == RunPlan() and drive.run.said == "run 1 begins"
+    drive.ask(RunAction.IN)
+    assert not drive.run.refused and drive.run.said == "in lap, as asked"
 
 
 def test_a_run_file_is_read_or_refused_with_key_and_value(tmp_path):
