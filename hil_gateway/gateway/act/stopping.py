@@ -17,7 +17,7 @@ import numpy as np
 from hil_gateway.bus.messages import Plan, PlanStatus
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, plan_path, way_along
-from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.dead_reckoning import SLIP_FROM, Pose
 from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
 from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import StopConfig
@@ -163,7 +163,7 @@ class Stopping:
         """
         if not motion.by_gyro:
             return -self._vehicle.lr * curvature
-        if pose.slip and abs(motion.ay) > YIELDS_FROM:
+        if pose.slip and motion.speed > SLIP_FROM and abs(motion.ay) > YIELDS_FROM:
             self._yields = (pose.slip - self._vehicle.lr * motion.yaw_rate / motion.speed) / motion.ay
         return self._yields * motion.speed**2 * curvature
 

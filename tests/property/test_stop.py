@@ -1,0 +1,36 @@
+"""A stop answers whatever motion and pose it is given: they may be of different moments after a pause."""
+
+from __future__ import annotations
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hil_gateway.car.car import load_car
+from hil_gateway.gateway.act.stopping import Stopping
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.settings.gateway import StopConfig
+from hil_gateway.track.loading import load_track
+
+TRACK = load_track("oval")
+SPEED = st.one_of(st.just(0.0), st.floats(0.0, 100.0))
+SIGNED = st.floats(-10.0, 10.0)
+MOTION = st.builds(
+    Motion, speed=SPEED, yaw_rate=SIGNED, ay=st.floats(-60.0, 60.0), by_gyro=st.booleans(), prompt=st.booleans()
+)
+POSE = st.builds(
+    Pose, st.floats(-500.0, 500.0), st.floats(-500.0, 500.0), SIGNED, SPEED, st.one_of(st.just(0.0), SIGNED)
+)
+
+
+@given(motions=st.lists(st.tuples(MOTION, st.none() | POSE, *[st.booleans()] * 4), min_size=1, max_size=4))
+def test_a_stop_answers_every_motion_and_pose(motions) -> None:
+    stop = Stopping(load_car().vehicle, StopConfig(), 50_000.0, TRACK)
+    stop.start(0.01)
+    for motion, pose, emergency, steers, brakes, flat in motions:
+        stop.flat = flat
+        steer, drive = stop.command(motion, pose, emergency, steers, brakes)
+        assert math.isfinite(steer)
+        assert math.isfinite(drive) and drive <= 0.0
