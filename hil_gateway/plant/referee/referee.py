@@ -41,8 +41,8 @@ class Referee:
         self._progress += moved
         self.distance_m += abs(moved)
         self.peak_speed = max(self.peak_speed, self._car["vx"])
-        if not self._started and moved > 0.0:
-            self._started, self._lap_start_s = True, time_s
+        if not self._started:  # a car that stands creeps by micrometres
+            self._started, self._lap_start_s = not self._car.standing, time_s
         if self._progress >= (self.laps + 1) * track.length:
             self.lap_times_s.append(time_s - self._lap_start_s)
             self._lap_start_s = time_s

@@ -19,6 +19,7 @@ from hil_gateway.plant.car import Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar, read_car
 from hil_gateway.plant.physics.parameters import AV24
 from hil_gateway.plant.referee.judge import LoadJudge
+from hil_gateway.plant.referee.referee import Referee
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.supervisor import PROCESSES
 from hil_gateway.track.loading import load_track
@@ -149,6 +150,23 @@ def test_brakes_hold_a_standing_car_to_the_millimetre(grade: float, bank_deg: fl
     )
     where = f"{100 * grade:.0f} % of grade" if grade else f"{bank_deg:.0f} deg of bank"
     record_figure("G2", f"plant, {where}, 1 MPa, {minutes} min: crept {1e6 * crept:.2f} micrometres")
+
+
+def test_the_first_lap_begins_when_a_car_that_has_stood_drives_off() -> None:
+    """Brakes hold it on a grade, where it creeps by micrometres."""
+    car = Car(AV24, sloped_track(), start_s=place_of(0.2, 0.0))
+    referee, start, length = Referee(car), car.road.s, car.road.track.length
+    for second in range(10):
+        for _ in range(1000):
+            car.step(Commands(0.0, 0.0, 1e6, 1e6), engine_running=False)
+        referee.step(float(second))
+    assert referee.distance_m > 0.0
+    tenths = 0
+    while referee.laps < 1:  # carried round at 50 m/s
+        tenths += 1
+        car.place((start + 5.0 * tenths) % length, speed=50.0)
+        referee.step(10.0 + 0.1 * tenths)
+    assert referee.lap_times_s[0] == pytest.approx(length / 50.0, abs=0.2)
 
 
 def test_a_standing_car_without_brakes_rolls_down() -> None:
