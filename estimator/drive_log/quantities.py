@@ -103,7 +103,7 @@ SUFFIX_UNITS: Mapping[str, str] = {
 def normal_unit(text: str) -> str:
     """One spelling of a unit: small letters, plain marks, no brackets."""
     plain = text.strip().strip("[]()").lower().replace("²", "2").replace("^", "").replace("°", "deg").replace("**", "")
-    return re.sub(r"\s+", " ", plain.replace("·", " ").replace("*", " ").replace("DEGREE/s", "deg/s")).strip()
+    return re.sub(r"\s+", " ", plain.replace("·", " ").replace("*", " ").replace("degree/s", "deg/s")).strip()
 
 
 def is_unit(text: str) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from support.drives.drive_simulator import TYRE, simulate
 
 from estimator.drive_log.column_map import as_toml, proposed, read_map
-from estimator.drive_log.quantities import quantity_of
+from estimator.drive_log.quantities import normal_unit, quantity_of
 from estimator.drive_log.table import DriveLog, read_log
 from estimator.drive_log.tables import read_table
 from hil_gateway.process.arrays import Array
@@ -270,3 +270,8 @@ def test_logs_of_other_programs_are_the_drive_they_were_made_from(measured_data:
     log, truth = (read_log(measured_data / "public" / f"{n}.csv") for n in (name, "d00_ok"))
     for column in set(truth.columns) & set(log.columns) - ({"drive"} if "drive" in log.derived else set()):
         assert np.std(log[column] - truth[column]) < 1e-3 * np.std(truth[column]), column
+
+
+@pytest.mark.parametrize("text", ["deg/s", "[°/s]", " Degree/s ", "(deg/s)"])
+def test_a_unit_has_one_spelling(text: str) -> None:
+    assert normal_unit(text) == "deg/s"
