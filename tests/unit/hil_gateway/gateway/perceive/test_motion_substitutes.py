@@ -149,15 +149,6 @@ def test_without_a_gyro_the_wheels_tell_at_once_half_of_what_the_course_does_not
     assert reader.motion.yaw_rate == pytest.approx(WHEELS_SHARE * 0.3 * (1.0 - 13 / 38) if wheels else 0.0, abs=0.015)
 
 
-@pytest.mark.parametrize("drive", [0.1, 0.0])
-def test_wheels_that_the_engine_drives_are_not_asked_how_the_car_turns(drive: float) -> None:
-    """An inner rear wheel that slips under power by 5 % makes the car turn the other way."""
-    reader, bend = MotionReader(CAR, PER_PA), driving(40.0, -0.03, sources=True)
-    run(reader, bend, 0.5, 0, ActuatorPositions(0.0, 0.0, 0.0, 0.0, 4))
-    slips = bend.model_copy(update={"drive": drive, "wheel_speed_rr": bend.wheel_speed_rr + 2.0 * (drive > 0.0)})
-    assert reader.wheel_yaw_rate(slips, 40.0) == pytest.approx(bend.yaw_rate, abs=0.02)
-
-
 def slipping(speed: float, deceleration: float, slip: float, radii: float) -> VehicleState:
     """Braked, with wheels that turn slower than the car goes; `slip` a m/s2, `radii` of a wheel that rolls."""
     state, half_pa = driving(speed / (1.0 + radii + slip * deceleration), 0.0, sources=True), 0.5 * CAR.mass / PER_PA
