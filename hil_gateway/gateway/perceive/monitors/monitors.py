@@ -13,6 +13,7 @@ from hil_gateway.gateway.perceive.course import Course, SteadyCourse
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
+from hil_gateway.gateway.perceive.monitors.axles import AxleMonitor
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
@@ -56,6 +57,7 @@ class Monitors:
         self.motion = MotionReader(vehicle, config.powertrain.brake_force_per_pa)
         self.position = PositionMonitor()
         self._wheels = WheelMonitor(config)
+        self._axles = AxleMonitor(config)
         self._imu = ImuMonitor()
         self._observer = Observer(config)
         self._imu_off, self._wheels_off = ConditionTime(), ConditionTime()
@@ -148,11 +150,13 @@ class Monitors:
         speed, wheels = self.motion.motion.speed, state.sources["wheel_speeds"].valid
         imu_off, sided = self._observe(now_ns, state, speed)
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
+        compared = wheels and self._reports(state) and not self.flat
+        swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
         steady = self._steady.step(course)
         believed = self.imu_wrong or not self.position.wrong
         return SensorMonitors(
             imu_off=imu_off,
-            wheels=max(one_differs, sided),
+            wheels=max(one_differs, swapped, sided),
             yaw_rate=INFINITE if self._imu_false else imu_off,
             slipping=wheels and self._wheels.all_fell,
             fixes=steady is not None and believed and wheels and self._reports(state),

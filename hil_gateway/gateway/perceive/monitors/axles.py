@@ -1,0 +1,57 @@
+"""Axles against each other: reports that have front and rear wheels swapped."""
+
+from __future__ import annotations
+
+import math
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
+from hil_gateway.gateway.perceive.monitors.wheels import JUDGED_FROM
+from hil_gateway.gateway.perceive.motion import RADII_MOST, ROLLING
+from hil_gateway.settings.gateway import PERIOD_S
+
+DRIVEN = 2.0
+"""m/s2 by the engine from which the driven wheels' slip shows beside the noise of wheel speeds"""
+DRIVE_SLIP = 0.0015
+"""slip of the driven wheels a m/s2: a quarter of what slicks do (slip stiffness of 25 times the load on the axle that
+carries 58 % of the car: 0.006); racing tyres twice as stiff do twice that"""
+ROLLED_S = 0.5
+"""s of rolling in which the radii's ratio is learnt"""
+SLIPPED_S = 0.1
+"""time constant, s: noise of the wheel speeds (0.3 % of a sample)"""
+
+
+class AxleMonitor:
+    """Rear wheels, which the engine drives, turn faster than front wheels under power: else the axles are swapped.
+
+    Front wheels roll on a path of their own in a bend: v cos(delta) + L r sin(delta) at the speed v of the rear axle.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._vehicle = car = config.vehicle
+        self._per_drive = config.powertrain.force_per_drive / car.mass
+        self._drag = 0.5 * car.air_density * car.drag_area / car.mass
+        self._radii = self._slip = 0.0
+        """rear over front wheels' speed less 1: rolling, and lately"""
+        self._held = ConditionTime()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
+        """Seconds the driven wheels have turned slower."""
+        if speed < JUDGED_FROM:
+            self._slip = self._radii
+            return self._held.update(False, now_ns)
+        driven = self._per_drive * state.drive
+        faster = self._rear_over_front(state) - 1.0
+        if abs(driven) < ROLLING:
+            self._radii += PERIOD_S / ROLLED_S * (min(max(faster, -RADII_MOST), RADII_MOST) - self._radii)
+        self._slip += PERIOD_S / (SLIPPED_S + PERIOD_S) * (faster - self._slip)
+        pushed = min(driven, state.ax + self._drag * speed**2)
+        swapped = pushed > DRIVEN and self._slip - self._radii < -DRIVE_SLIP * pushed
+        return self._held.update(swapped, now_ns)
+
+    def _rear_over_front(self, state: VehicleState) -> float:
+        rear = 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
+        front = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
+        path = rear * math.cos(state.steer) + self._vehicle.wheelbase * state.yaw_rate * math.sin(state.steer)
+        return path / max(front, 1.0)
