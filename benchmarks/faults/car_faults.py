@@ -117,6 +117,7 @@ INERTIAL = ("imu_ax", "imu_ay", "imu_yaw_rate")
 ANGLES = ("primary_steering_angle_fbk", "secondary_steering_ang_fdbk", "average_steering_ang_fdbk")
 _MOTION = (
     "yaw_rate_wrong",
+    "acceleration_wrong",
     "commands_unanswered",
     "position_wrong",
     "estimate_invalid",
@@ -176,7 +177,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "one rear wheel speed zero",
         WHEELS,
-        ("wheel_speed_wrong", "yaw_rate_wrong"),
+        ("wheel_speed_wrong", "acceleration_wrong", "yaw_rate_wrong"),
         0.7,
         "the other three",
         _scaled(0.0, "wheel_speed_RL"),
@@ -184,7 +185,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "one front wheel speed at 70 %",
         WHEELS,
-        ("wheel_speed_wrong", "yaw_rate_wrong"),
+        ("wheel_speed_wrong", "acceleration_wrong", "yaw_rate_wrong"),
         1.0,
         "the other three",
         _scaled(0.7, "wheel_speed_FR"),
@@ -192,7 +193,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "wheel speeds at 80 %",
         WHEELS,
-        (*_FIX, "off_road", "wheel_speed_wrong"),
+        (*_FIX, "off_road", "acceleration_wrong", "wheel_speed_wrong"),
         1.5,
         "way between fixes, change of speed by the IMU",
         _scaled(0.8, "wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR"),
@@ -228,7 +229,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "brakes dead",
         (),
-        ("commands_unanswered", "pedals_stuck", "off_road"),
+        ("commands_unanswered", "acceleration_wrong", "pedals_stuck", "off_road"),
         6.0,
         "deceleration, at the next braking",
         actuate=lambda asked, before: asked._replace(brake_front=0.0, brake_rear=0.0),
@@ -236,7 +237,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "throttle stuck at 60 %",
         (),
-        ("commands_unanswered", "pedals_stuck", "off_road"),
+        ("commands_unanswered", "acceleration_wrong", "pedals_stuck", "off_road"),
         6.0,
         "acceleration, once closed",
         actuate=lambda asked, before: asked._replace(throttle=max(asked.throttle, 0.6)),

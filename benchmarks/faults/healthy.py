@@ -21,7 +21,7 @@ TRACKS = ("road_course", "oval", "tri_oval")
 DRIVE_S = 120.0
 """of one car, from when it is armed"""
 JUDGED = (
-    "position_wrong", "wheel_speed_wrong", "yaw_rate_wrong", "steering_stuck", "pedals_stuck",
+    "position_wrong", "wheel_speed_wrong", "yaw_rate_wrong", "acceleration_wrong", "steering_stuck", "pedals_stuck",
     "commands_unanswered", "position_lost", "off_road", "wrong_way",
 )  # fmt: skip
 """rows that monitors of sensors and actuators can fire"""

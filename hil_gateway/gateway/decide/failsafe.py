@@ -179,9 +179,17 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(
         "yaw_rate_wrong",
-        "the IMU does not fit wheels, steering, engine and brakes",
+        "the yaw rate does not fit wheels, steering and force",
         "yaw_rate_wrong",
         0.15,
+        _STOP,
+        Clear.REARM,
+    ),
+    Row(
+        "acceleration_wrong",
+        "the IMU does not fit wheel speeds and yaw rate",
+        "acceleration_wrong",
+        0.2,
         _STOP,
         Clear.REARM,
     ),

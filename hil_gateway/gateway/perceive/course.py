@@ -78,18 +78,6 @@ class CourseReader:
         return None if speed < SLOWEST or scattered else (coefficients, newest_ns)
 
 
-class SteadyCourse:
-    """A course that fixes have had for a whole window: fixes that scatter lie on one curve by chance now and then."""
-
-    def __init__(self) -> None:
-        self._periods = 0
-
-    def step(self, course: Course | None) -> Course | None:
-        """`course`, once there was one in every period of a window."""
-        self._periods = 0 if course is None else self._periods + 1
-        return course if self._periods >= COURSE_WINDOW else None
-
-
 def _turned(vectors: Array, ahead: Array) -> Array:
     """Vectors (n, 2) as along and across the direction `ahead`."""
     along = ahead / max(math.hypot(*ahead), 1e-9)

@@ -128,7 +128,7 @@ class MotionReader:
         """of the last periods with an IMU"""
         self._brakes = 1.0
         """that share by now"""
-        self._mismatch = 0.0
+        self._mismatch_front = self._mismatch = 0.0
         """(right - left) / (track v) on a straight, 1/m"""
         self._radii, self._brake_slip = 0.0, BRAKE_SLIP
         """speed over that of the second fastest wheel less 1: while it rolls, and a m/s2 of braking on top of it"""
@@ -175,8 +175,10 @@ class MotionReader:
             turns.append(before + share * (rate - before))
         self._note_turn(state, speed, wheels, dt)
         if imu and wheels and speed > LEARNING_FROM:
-            beyond = (self._rear_difference(state) - state.yaw_rate) / speed
-            self._mismatch += min(dt / MISMATCH_S, 1.0) * (beyond - self._mismatch)
+            share = min(dt / MISMATCH_S, 1.0)
+            front, rear = self._front_difference(state), self._rear_difference(state)
+            self._mismatch_front += share * ((front - state.yaw_rate) / speed - self._mismatch_front)
+            self._mismatch += share * ((rear - state.yaw_rate) / speed - self._mismatch)
         return self._move(state, speed, course)
 
     def again(self, state: VehicleState, course: Course | None) -> Motion:
@@ -208,6 +210,11 @@ class MotionReader:
             slip = min(max((faster - self._radii) / braking, 0.0), BRAKE_SLIP_MOST)
             self._brake_slip += SPEED_LEARNT * (slip - self._brake_slip)
 
+    @property
+    def steered(self) -> float:
+        """Yaw rate that the steering angle comes to by now, rad/s."""
+        return self._steered[-1] if self._steered else 0.0
+
     def turned_within(self, seconds: float) -> float:
         """By how much the yaw rate has changed lately by what stood on the wire, rad/s; `COURSE_WINDOW` at most."""
         meant = list(self._meant)[-1 - round(seconds / PERIOD_S) :]
@@ -216,6 +223,16 @@ class MotionReader:
     def rear_yaw_rate(self, state: VehicleState, speed: float) -> float:
         """Yaw rate the rear wheels' difference means, rad/s."""
         return self._rear_difference(state) - self._mismatch * speed
+
+    def front_yaw_rate(self, state: VehicleState, speed: float) -> float:
+        """Yaw rate the front wheels' difference means, rad/s."""
+        return self._front_difference(state) - self._mismatch_front * speed
+
+    def wheel_yaw_rate(self, state: VehicleState, speed: float) -> float:
+        """Yaw rate by the axle that the engine does not drive now: under power an inner rear wheel slips, rad/s."""
+        if state.drive > POWERED:
+            return self.front_yaw_rate(state, speed)
+        return self.rear_yaw_rate(state, speed)
 
     def _steered_rate(self, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> float:
         """Yaw rate that the steering angle comes to, by its sensor or else its command, rad/s."""
@@ -278,7 +295,7 @@ class MotionReader:
             ahead += car.wheelbase * turn * math.sin(state.steer) / self.motion.speed
         ahead = max(ahead, LEAST_AHEAD)
         fl, fr, rl, rr = wheel_speeds(state)
-        return max(second_fastest((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear), state.drive), 0.0)
+        return max(_not_spinning((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear), state.drive), 0.0)
 
     def _braked(self, state: VehicleState, commanded: ActuatorPositions | None) -> float:
         """Deceleration by the brakes as they are reported, else as they are asked for, m/s2."""
@@ -344,8 +361,12 @@ def wheel_speeds(state: VehicleState) -> tuple[float, float, float, float]:
     return state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
 
 
-def second_fastest(speeds: tuple[float, float, float, float], drive: float) -> float:
-    """Of the speeds (fl, fr, rl, rr), m/s: one sensor may be wrong, and under power both driven wheels may be
-    faster than the car."""
+def second_fastest(state: VehicleState) -> float:
+    """Speed of the second fastest wheel, m/s, that does not spin: one sensor may be wrong either way."""
+    return _not_spinning(wheel_speeds(state), state.drive)
+
+
+def _not_spinning(speeds: tuple[float, float, float, float], drive: float) -> float:
+    """Second fastest of the speeds (fl, fr, rl, rr), m/s; under power both driven wheels may be faster than the car."""
     second, front = sorted(speeds)[-2], max(speeds[:2])
     return front if drive > POWERED and SPIN_LEAST * second < front < second else second

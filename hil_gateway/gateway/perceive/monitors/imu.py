@@ -12,7 +12,7 @@ from itertools import pairwise
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
-from hil_gateway.gateway.perceive.monitors.wheels import JUDGED_FROM
+from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM
 from hil_gateway.settings.gateway import PERIOD_S
 
 STEADY = 4

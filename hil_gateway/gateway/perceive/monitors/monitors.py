@@ -9,23 +9,24 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.course import Course, SteadyCourse
+from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
-from hil_gateway.gateway.perceive.monitors.axles import AxleMonitor
+from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
-from hil_gateway.gateway.perceive.monitors.wheels import WheelMonitor
-from hil_gateway.gateway.perceive.motion import MotionReader
+from hil_gateway.gateway.perceive.monitors.sensors import AxleMonitor, SpeedChangeMonitor
+from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels, WheelMonitor
+from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.observer.observer import Observer
 from hil_gateway.track.track import Track
 
 INFINITE = float("inf")
-IMU_MEASURES = ("yaw_rate_wrong", "commands_unanswered")
+IMU_MEASURES = ("yaw_rate_wrong", "acceleration_wrong", "commands_unanswered")
 """contradictions in which the IMU may be the one that is wrong"""
 IMU_GONE_S = 0.05
 """s without an IMU that is a cause to stop"""
@@ -39,14 +40,17 @@ STEERS = (SysState.DRIVING, SysState.EMERGENCY)
 
 
 class SensorMonitors(NamedTuple):
-    """Seconds that the IMU has been off what all others say, and that wheel speeds and yaw rate have been contradicted;
-    whether all wheels fell faster than brakes make them; whether fixes say anything."""
+    """Seconds that the IMU has been off what all others say, and that wheel speeds, yaw rate and acceleration have been
+    contradicted; whether all wheels are faster or slower than fixes and IMU say, or fell faster than brakes make them;
+    whether fixes say anything, and whether steering and wheels side with them."""
 
     imu_off: float
     wheels: float
     yaw_rate: float
+    acceleration: float
     slipping: bool
     fixes: bool
+    outvoted: bool
 
 
 class Monitors:
@@ -63,6 +67,10 @@ class Monitors:
         self._imu_off, self._wheels_off = ConditionTime(), ConditionTime()
         self._repair: GyroRepair | None = None
         self._steady = SteadyCourse()
+        self._course = CourseMonitor()
+        self._witness = TurnWitness()
+        self._speed_change = SpeedChangeMonitor()
+        self._locked = LockedWheels(config)
         self._following = FollowingMonitor(vehicle)
         self._reversed = ReversedMonitor(vehicle)
         self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
@@ -102,7 +110,12 @@ class Monitors:
     @property
     def shares(self) -> dict[str, float]:
         """Difference over bound of the monitors that compare with one, in this period."""
-        return {"IMU, all others": self._observer.imu_off, "wheels, all others": self._observer.wheels_off}
+        own = {
+            "IMU, all others": self._observer.imu_off,
+            "wheels, all others": self._observer.wheels_off,
+            "change of speed": self._speed_change.share,
+        }
+        return own | {f"course, {name}": share for name, share in self._course.shares.items()}
 
     def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate]) -> None:
         """What an estimator thinks of the fixes counts while the sensors it judges them by are believed."""
@@ -132,6 +145,7 @@ class Monitors:
             "position_lost": self.position.lost_s,
             "wheel_speed_wrong": sensors.wheels,
             "yaw_rate_wrong": sensors.yaw_rate,
+            "acceleration_wrong": sensors.acceleration,
             "steering_stuck": follows.steering,
             "pedals_stuck": follows.pedals,
             "commands_unanswered": self._acceleration.step(now_ns, state, speed, obeyed if imu else None),
@@ -146,20 +160,33 @@ class Monitors:
         return measures | {name: max(measures[name], held_s) for name, held_s in distrusted.items()}
 
     def _compare(self, now_ns: int, state: VehicleState, course: Course | None) -> SensorMonitors:
-        """IMU, wheels and steering with each other."""
-        speed, wheels = self.motion.motion.speed, state.sources["wheel_speeds"].valid
+        """IMU, wheels, steering and the course of the fixes with each other."""
+        speed, steered = self.motion.motion.speed, self.motion.steered
+        rear = self.motion.rear_yaw_rate(state, speed)
+        ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)
+        wheels = state.sources["wheel_speeds"].valid
+        both = wheels and self._reports(state)
+        compared = both and not self.flat
+        steady = self._steady.step(course)
+        trusted = None if self.position.wrong and not self.imu_wrong else steady
+        inertial = state.yaw_rate, ay
+        known = trusted if both else None
+        contradicted = self._course.step(now_ns, inertial, second_fastest(state), (rear, steered), known)
+        self.position.contradicted(contradicted.position)
+        changes = self._speed_change.step(now_ns, state, speed) if both else 0.0
+        swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
         imu_off, sided = self._observe(now_ns, state, speed)
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
-        compared = wheels and self._reports(state) and not self.flat
-        swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
-        steady = self._steady.step(course)
-        believed = self.imu_wrong or not self.position.wrong
+        locked = self._locked.step(state, speed)
+        rates = state.yaw_rate, self.motion.wheel_yaw_rate(state, speed), steered
         return SensorMonitors(
             imu_off=imu_off,
             wheels=max(one_differs, swapped, sided),
-            yaw_rate=INFINITE if self._imu_false else imu_off,
-            slipping=wheels and self._wheels.all_fell,
-            fixes=steady is not None and believed and wheels and self._reports(state),
+            yaw_rate=INFINITE if self._imu_false else max(imu_off, contradicted.yaw_rate),
+            acceleration=max(changes, contradicted.acceleration),
+            slipping=(wheels and self._wheels.all_fell) or (changes > 0.0 and contradicted.wheels > 0.0 and not locked),
+            fixes=trusted is not None,
+            outvoted=self._witness.step(rates, steady if compared else None, self.position.suspect),
         )
 
     def _observe(self, now_ns: int, state: VehicleState, speed: float) -> tuple[float, float]:
@@ -192,11 +219,18 @@ class Monitors:
 
     def _distrust(self, held_s: float, sensors: SensorMonitors) -> None:
         """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
-        the car stands, no IMU where there are fixes to go by, or no wheels where they fell as no brakes make them."""
+        the car stands, no IMU where there are fixes to go by, or no wheels where it is they that neither the fixes nor
+        the IMU agree with. A gyro that is outvoted is what made the fixes not fit. It stays believed in a car that
+        slides as it steers to the wrong side first, which the gyro has shown, or as a tyre is flat: a slide contradicts
+        everything, and without a gyro nothing catches it."""
         moving = self.motion.motion.speed > STANDSTILL
         self.wheels_wrong = moving and (self.wheels_wrong or (sensors.slipping and not self.imu_wrong))
-        held = max(sensors.imu_off, held_s if sensors.fixes else 0.0) > IMU_WRONG_S
-        self.imu_wrong = moving and (self.imu_wrong or (held and not self.wheels_wrong))
+        slides = self.steering_reversed or self.flat
+        held_s = 0.0 if slides else held_s
+        outvoted = sensors.outvoted and not slides
+        held = max(sensors.imu_off, held_s if sensors.fixes else 0.0) > IMU_WRONG_S and not slides
+        found = outvoted or held
+        self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.stopping = self.stopping
         self.motion.believe_imu = not self.imu_wrong and not self._imu_gone
         self.motion.imu_wrong = self.imu_wrong

@@ -42,6 +42,8 @@ SETTLED_S = 0.2
 """s of valid states after which an invalid estimate answers one of them: twice the age an estimate may have"""
 OUTVOTED_S = 0.1
 """s both other receivers have moved away from them: two readings of each at 10 Hz"""
+CONTRADICTED_S = 0.1
+"""s their course contradicts IMU and wheels: two fixes at 20 Hz"""
 
 
 class PositionMonitor:
@@ -62,7 +64,7 @@ class PositionMonitor:
         """what found it first, in words"""
         self.refused = False
         """by the estimator, until the car stands"""
-        self._drifts = False
+        self._contradicted = self._drifts = False
         self._answering, self._estimated = ConditionTime(), False
         self._scatter, self._scatters = ConditionTime(), False
         self.lost_s = 0.0
@@ -71,7 +73,7 @@ class PositionMonitor:
     @property
     def suspect(self) -> bool:
         """Whether fixes, and estimates made with them, are not to be believed now."""
-        return self.wrong or self.refused or self._level > 0.0
+        return self.wrong or self.refused or self._contradicted or self._level > 0.0
 
     def scattered(self, now_ns: int, scatter_m: float) -> None:
         """The newest fixes lie so far beside one curve."""
@@ -93,8 +95,13 @@ class PositionMonitor:
     def drifts(self) -> bool:
         """Whether all that is wrong with the fixes is that the other receivers lie aside: they go the way of the car,
         some metres beside it."""
-        fits_else = self._level <= 0.0 and not (self.refused or self._scatters)
+        fits_else = self._level <= 0.0 and not (self.refused or self._contradicted or self._scatters)
         return self._drifts and fits_else
+
+    def contradicted(self, held_s: float) -> None:
+        """The course of the fixes has contradicted IMU and wheels, which agree, for so long."""
+        self._contradicted = held_s > 0.0
+        self._note(held_s > CONTRADICTED_S, "their course contradicts IMU and wheels")
 
     def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], believed: bool) -> None:
         """An estimator that refuses the fixes goes on without them: it still answers, and calls itself invalid.

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM, SPEED_WINDOW
 from hil_gateway.gateway.perceive.motion import POWERED, Motion, wheel_speeds
 from hil_gateway.process.clock import NS_PER_S
 
-JUDGED_FROM = 8.0
-"""m/s: slower, differences of wheel speeds are within what parking manoeuvres and clutch make"""
-LOCKED_PERIODS = 50
-"""(0.5 s) in which wheels that have locked roll again"""
 WHEEL_M_S, WHEEL_SHARE = 2.5, 0.15
 """a wheel further from the others than this (and their own differences in the tightest bend: 1.6 m of track at 1 rad/s)
 has a wrong sensor, or is locked or spinning"""
@@ -28,20 +25,20 @@ PAUSE_S = 0.1
 
 
 class LockedWheels:
-    """Whether an inner wheel may have locked: brakes that pressed harder than `INNER` of what the tyres' declared grip
-    takes within the last half second."""
+    """Whether wheels may have slipped away from the car's speed: brakes that pressed harder than `share` of what the
+    tyres' declared grip takes within the last half second."""
 
-    def __init__(self, config: Config) -> None:
-        self._stop, self._vehicle = config.gateway.stop, config.vehicle
+    def __init__(self, config: Config, share: float = 1.0) -> None:
+        self._stop, self._vehicle, self._share = config.gateway.stop, config.vehicle, share
         self._per_pa = config.powertrain.brake_force_per_pa / config.vehicle.mass
-        self._since = LOCKED_PERIODS
+        self._since = SPEED_WINDOW
         """periods"""
 
     def step(self, state: VehicleState, speed: float) -> bool:
         """Once a period."""
         braking = (state.brake_front + state.brake_rear) * self._per_pa
-        self._since = 0 if braking > INNER * self._stop.grip(self._vehicle, speed) else self._since + 1
-        return self._since < LOCKED_PERIODS
+        self._since = 0 if braking > self._share * self._stop.grip(self._vehicle, speed) else self._since + 1
+        return self._since < SPEED_WINDOW
 
 
 class WheelMonitor:
@@ -49,7 +46,7 @@ class WheelMonitor:
 
     def __init__(self, config: Config) -> None:
         self._half_track = 0.25 * (config.vehicle.track_front + config.vehicle.track_rear)
-        self._locked = LockedWheels(config)
+        self._locked = LockedWheels(config, INNER)
         self._before: tuple[float, ...] = ()
         self.all_fell = False
         """in this period all wheels have slowed down faster than brakes can make them"""

@@ -38,7 +38,7 @@ STOP_AT = {
     "mode_switch_off": 0.0, "safety_switch": 0.0, "supply_low": 1.0, "engine_stalled": 0.3, "sender_doubled": 0.0,
     "tyre_flat": 0.3,
     "position_wrong": 0.0, "wheel_speed_wrong": 0.15, "yaw_rate_wrong": 0.15,
-    "position_lost": 1.0,
+    "acceleration_wrong": 0.2, "position_lost": 1.0,
     "off_road": 0.05,
     "wrong_way": 0.2,
 }  # fmt: skip

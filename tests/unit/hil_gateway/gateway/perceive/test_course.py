@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from support.cars.scripted_car import Rig
 
-from hil_gateway.gateway.perceive.course import Course, CourseReader, SteadyCourse
+from hil_gateway.gateway.perceive.course import Course, CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
+from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
@@ -17,6 +18,7 @@ from hil_gateway.gateway.perceive.positions.fixes import Fixes
 TICK_NS = 10_000_000
 RADIUS, SPEED = 150.0, 45.0
 TURN = SPEED / RADIUS
+SUSPECTS = ("yaw_rate", "acceleration", "wheels", "position")
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +57,66 @@ def test_without_recent_fixes_there_is_no_course():
 
 def test_scattered_fixes_are_no_course():
     assert circle(2.0, noise=1.0) is None
+
+
+@pytest.mark.parametrize(
+    ("yaw_rate", "ay", "wheels", "wrong"),
+    [
+        (TURN, SPEED * TURN, SPEED, set()),
+        (TURN + 0.1, SPEED * TURN + 4.0, 0.93 * SPEED, set()),
+        (TURN - 0.4, SPEED * TURN, SPEED, {"yaw_rate"}),
+        (TURN, 0.0, SPEED, {"acceleration"}),
+        (TURN, SPEED * TURN, 0.8 * SPEED, {"wheels"}),
+    ],
+)
+def test_the_sensor_that_the_course_contradicts_is_named_within_half_a_second(yaw_rate, ay, wheels, wrong):
+    monitor, course, held = CourseMonitor(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0), None
+    for tick in range(50):
+        held = monitor.step(tick * TICK_NS, (yaw_rate, ay), wheels, (TURN, TURN), course)
+    assert {name for name in SUSPECTS if getattr(held, name) > 0.1} == wrong
+
+
+@pytest.mark.parametrize("by_wheels", [TURN, TURN - 0.25])
+def test_a_course_that_imu_and_steering_contradict_is_that_of_wrong_fixes(by_wheels):
+    """Also where the wheels' difference, which long bends falsify, lies nearer to the course."""
+    monitor, held = CourseMonitor(), None
+    for tick in range(50):
+        course = Course(0.0, 0.0, 0.0, SPEED, TURN if tick < 38 else TURN - 0.4, 0.0)
+        held = monitor.step(tick * TICK_NS, (TURN, SPEED * TURN), SPEED, (by_wheels, TURN), course)
+    assert {name for name in SUSPECTS if getattr(held, name) > 0.1} == {"position"}
+
+
+@pytest.mark.parametrize(
+    ("gyro", "wheels", "steered", "outvoted"),
+    [
+        (0.0, TURN, TURN, True),
+        (-TURN, 0.8 * TURN, 2.0 * TURN, True),
+        (0.0, 0.0, TURN, False),
+        (0.0, TURN, 0.0, False),
+        (TURN - 0.1, TURN, TURN, False),
+    ],
+)
+def test_a_gyro_is_blamed_for_fixes_that_do_not_fit_where_steering_and_wheels_side_with_them(
+    gyro, wheels, steered, outvoted
+):
+    witness, course = TurnWitness(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0)
+    rates = gyro, wheels, steered
+    assert [witness.step(rates, course, suspect=True) for _ in range(40)][-1] is outvoted
+    assert not witness.step(rates, None, suspect=True), "there is no course"
+    assert not witness.step(rates, course, suspect=False), "fixes fit"
+
+
+@pytest.mark.parametrize("fit_again", [False, True])
+def test_fixes_that_steering_and_wheels_have_contradicted_blame_no_gyro_under_the_brakes(fit_again):
+    """A ramp of fixes in a bend; under the brakes of the stop steering and wheels come nearer to it than the gyro."""
+    witness = TurnWitness()
+    ramp, later = (Course(0.0, 0.0, 0.0, SPEED, turn, 0.0) for turn in (3.0 * TURN, 1.5 * TURN))
+    for _ in range(20):
+        assert not witness.step((TURN, 0.8 * TURN, 1.1 * TURN), ramp, suspect=True)
+    for _ in range(40 if fit_again else 0):
+        witness.step((TURN, 1.4 * TURN, 1.5 * TURN), None, suspect=False)
+    outvoted = [witness.step((TURN, 1.4 * TURN, 1.5 * TURN), later, suspect=True) for _ in range(60)]
+    assert any(outvoted) is fit_again
 
 
 def test_fixes_that_lie_on_a_curve_by_chance_judge_no_sensor():

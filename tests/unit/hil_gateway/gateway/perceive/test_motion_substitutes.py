@@ -11,6 +11,7 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
+from hil_gateway.gateway.perceive.monitors.sensors import SpeedChangeMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels
 from hil_gateway.gateway.perceive.motion import WHEELS_SHARE, MotionReader, second_fastest
 
@@ -149,6 +150,15 @@ def test_without_a_gyro_the_wheels_tell_at_once_half_of_what_the_course_does_not
     assert reader.motion.yaw_rate == pytest.approx(WHEELS_SHARE * 0.3 * (1.0 - 13 / 38) if wheels else 0.0, abs=0.015)
 
 
+@pytest.mark.parametrize("drive", [0.1, 0.0])
+def test_wheels_that_the_engine_drives_are_not_asked_how_the_car_turns(drive: float) -> None:
+    """An inner rear wheel that slips under power by 5 % makes the car turn the other way."""
+    reader, bend = MotionReader(CAR, PER_PA), driving(40.0, -0.03, sources=True)
+    run(reader, bend, 0.5, 0, ActuatorPositions(0.0, 0.0, 0.0, 0.0, 4))
+    slips = bend.model_copy(update={"drive": drive, "wheel_speed_rr": bend.wheel_speed_rr + 2.0 * (drive > 0.0)})
+    assert reader.wheel_yaw_rate(slips, 40.0) == pytest.approx(bend.yaw_rate, abs=0.02)
+
+
 def slipping(speed: float, deceleration: float, slip: float, radii: float) -> VehicleState:
     """Braked, with wheels that turn slower than the car goes; `slip` a m/s2, `radii` of a wheel that rolls."""
     state, half_pa = driving(speed / (1.0 + radii + slip * deceleration), 0.0, sources=True), 0.5 * CAR.mass / PER_PA
@@ -186,8 +196,18 @@ def test_in_a_bend_the_outer_wheels_do_not_make_the_car_faster(steer: float) -> 
     assert reader.motion.speed == pytest.approx(20.0, rel=0.004)
 
 
-@pytest.mark.parametrize(("deceleration", "locked"), [(5.0, False), (12.0, True)])
-def test_an_inner_wheel_that_brakes_may_have_locked_is_not_taken_for_a_wrong_sensor(
+@pytest.mark.parametrize(("share", "named"), [(0.8, True), (0.93, False)])
+def test_wheels_that_all_lose_a_fifth_of_their_speed_at_once_are_named_within_0_3_s(share: float, named: bool) -> None:
+    """Slip of all wheels is no more than 7 % at once."""
+    monitor, state, held_s = SpeedChangeMonitor(), driving(40.0, 0.0, sources=True), 0.0
+    for tick in range(100):
+        speed = 40.0 if tick < 70 else max(40.0 - 0.35 * (tick - 70), 40.0 * share)
+        held_s = monitor.step(tick * PERIOD_NS, state.model_copy(update={"ax": 0.0}), speed)
+    assert (held_s > 0.0) is named
+
+
+@pytest.mark.parametrize(("deceleration", "locked"), [(12.0, False), (25.0, True)])
+def test_wheels_that_brakes_beyond_the_grip_lock_are_not_taken_for_wrong_sensors(
     deceleration: float, locked: bool
 ) -> None:
     """Not while they are pressed, nor for half a second after."""
@@ -211,4 +231,8 @@ def test_an_inner_wheel_that_brakes_may_have_locked_is_not_taken_for_a_wrong_sen
 def test_driven_wheels_that_spin_under_power_are_not_the_speed_of_the_car(
     wheels: tuple[float, float, float, float], drive: float, speed: float
 ) -> None:
-    assert second_fastest(wheels, drive) == speed
+    rig = Rig()
+    rig.run(0.05)
+    names = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
+    state = rig.gateway.seen[0].model_copy(update={"drive": drive, **dict(zip(names, wheels, strict=True))})
+    assert second_fastest(state) == speed

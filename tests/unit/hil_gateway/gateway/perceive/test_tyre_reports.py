@@ -123,3 +123,14 @@ def test_a_stop_with_a_flat_rear_tyre_brakes_in_front_alone(wheel: str, braked: 
     rig.run(0.5)
     assert rig.car.commands["F_brake_pressure_cmd"] > 1000.0
     assert (rig.car.commands["R_brake_pressure_cmd"] > 1000.0) is braked
+
+
+@pytest.mark.parametrize("mbar", [FLAT_MBAR, SOUND_MBAR])
+def test_a_car_that_slides_on_a_flat_tyre_keeps_its_gyro(mbar: float) -> None:
+    """Yaw rate and lateral force do not fit each other then: that is the slide, and the gyro is what can catch it."""
+    rig, pressures = driving(12.0)
+    pressures["RR"] = mbar
+    rig.run(0.4)
+    rig.hooks.append(lambda rig: rig.car.overrides.update(imu_yaw_rate=40.0))
+    rig.run(0.5)
+    assert rig.gateway.monitors.imu_wrong is (mbar == SOUND_MBAR)

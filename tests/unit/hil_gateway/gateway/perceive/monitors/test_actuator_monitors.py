@@ -10,7 +10,11 @@ from support.cars.scripted_car import Rig
 
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import load_car
+from hil_gateway.car.states import SysState
+from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.actuators import FollowingMonitor, ReversedMonitor
+from hil_gateway.gateway.perceive.monitors.monitors import Monitors
 
 SPEED = 40.0
 CAR = load_car().vehicle
@@ -82,6 +86,29 @@ def test_steering_that_is_late_slow_or_stuck_is_not_taken_for_reversed(turned: M
 
 def test_a_steering_sensor_with_the_wrong_sign_does_not_reverse_the_steering() -> None:
     assert not finds(reversed_steering, late)
+
+
+def imu_wrong_in_a_slide(turned: Motor) -> bool:
+    """Whether the IMU is still believed when a car with this steering has begun to spin: it turns as its tyres do not
+    push, and as neither wheels nor fixes say."""
+    rig = Rig()
+    rig.run(0.05)
+    monitors, course = Monitors(Config(), None), Course(0.0, 0.0, 0.0, SPEED, 0.0, 0.0)
+    for tick in range(230):
+        steer = turned(tick) / CAR.steering_ratio
+        yaw_rate = 0.5 * SPEED * math.tan(steer) / CAR.wheelbase if tick < 200 else 1.6
+        changes = {"steer": steer, "yaw_rate": yaw_rate, "ay": SPEED * yaw_rate if tick < 200 else 5.0}
+        changes |= {f"wheel_speed_{wheel}": SPEED for wheel in ("fl", "fr", "rl", "rr")}
+        state = rig.gateway.seen[0].model_copy(update={**changes, "sys_state": SysState.DRIVING})
+        commanded, now_ns = ActuatorPositions(chicane(tick), 0.0, 0.0, 0.0, 3), (tick + 1) * 10_000_000
+        monitors.motion.step(now_ns, state, course, commanded)
+        monitors.measures(now_ns, state, None, commanded, course)
+    return monitors.imu_wrong
+
+
+def test_a_gyro_that_has_shown_reversed_steering_is_believed_in_the_slide_that_follows() -> None:
+    assert not imu_wrong_in_a_slide(reversed_steering)
+    assert imu_wrong_in_a_slide(late)
 
 
 def noticed_s(reported: Motor) -> float:

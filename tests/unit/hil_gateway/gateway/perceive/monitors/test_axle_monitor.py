@@ -9,7 +9,7 @@ from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.monitors.axles import AxleMonitor
+from hil_gateway.gateway.perceive.monitors.sensors import AxleMonitor
 
 CONFIG = Config()
 SPEED = 40.0

@@ -1,16 +1,18 @@
-"""Axles against each other: reports that have front and rear wheels swapped."""
+"""Axles against each other, and the change of speed by the wheels against that by the IMU."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
-from hil_gateway.gateway.perceive.monitors.wheels import JUDGED_FROM
 from hil_gateway.gateway.perceive.motion import RADII_MOST, ROLLING
 from hil_gateway.settings.gateway import PERIOD_S
 
+JUDGED_FROM = 8.0
+"""m/s: slower, differences of wheel speeds are within what parking manoeuvres and clutch make"""
 DRIVEN = 2.0
 """m/s2 by the engine from which the driven wheels' slip shows beside the noise of wheel speeds"""
 DRIVE_SLIP = 0.0015
@@ -55,3 +57,33 @@ class AxleMonitor:
         front = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
         path = rear * math.cos(state.steer) + self._vehicle.wheelbase * state.yaw_rate * math.sin(state.steer)
         return path / max(front, 1.0)
+
+
+SPEED_WINDOW = 50
+"""periods (0.5 s) over which wheels and IMU must agree on the change of speed"""
+SPEED_CHANGE, SPEED_CHANGE_SHARE = 1.0, 0.11
+"""m/s in that time: gravity on a 10 % grade (0.5), bias and noise; and a share of the speed: slip of all wheels that
+comes or goes. Healthy drives come to 0.45 of both together"""
+
+
+class SpeedChangeMonitor:
+    """Change of the wheels' speed against the integral of the longitudinal specific force, over half a second."""
+
+    def __init__(self) -> None:
+        self.share = 0.0
+        """of the bound that they disagree by now"""
+        self._speeds: deque[float] = deque(maxlen=SPEED_WINDOW)
+        self._forces: deque[float] = deque(maxlen=SPEED_WINDOW)
+        self._held = ConditionTime()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
+        """Seconds they have disagreed."""
+        self._speeds.append(speed)
+        self._forces.append(state.ax)
+        if len(self._speeds) < SPEED_WINDOW or min(self._speeds) < JUDGED_FROM:
+            self.share = 0.0
+        else:
+            by_imu = sum(self._forces) * PERIOD_S
+            bound = SPEED_CHANGE + SPEED_CHANGE_SHARE * self._speeds[0]
+            self.share = abs(self._speeds[-1] - self._speeds[0] - by_imu) / bound
+        return self._held.update(self.share > 1.0, now_ns)
