@@ -32,12 +32,13 @@ find_python() {
 }
 
 cd "$root"
+# The lock names every package: with --no-deps nothing is resolved here, so nothing newer without a hash can be wanted.
 python=$(find_python)
 rm -rf "$venv"
 if command -v uv >/dev/null && uv --version >/dev/null 2>&1; then
     run "creating .venv with uv" uv venv --quiet --python "${python:-3.11}" "$venv"
     run "installing packages (first time: a minute or two)" \
-        uv pip install --python "$venv/bin/python" --require-hashes -r requirements.lock
+        uv pip install --python "$venv/bin/python" --no-deps --require-hashes -r requirements.lock
     run "installing the project" uv pip install --python "$venv/bin/python" --no-deps --no-build-isolation -e .
 else
     if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null && ! "${python:-false}" -c 'import ensurepip' 2>/dev/null; then
@@ -48,7 +49,7 @@ else
     "$python" -c 'import ensurepip' 2>/dev/null || fail "$python has no venv module; apt-get install python3-venv, or install uv"
     run "creating .venv with $python" "$python" -m venv "$venv"
     run "installing packages (first time: a minute or two)" \
-        "$venv/bin/python" -m pip install -q --disable-pip-version-check --require-hashes -r requirements.lock
+        "$venv/bin/python" -m pip install -q --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
     run "installing the project" \
         "$venv/bin/python" -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .
 fi
