@@ -16,9 +16,12 @@ from hil_gateway.can_link.udp import UdpLink
 from hil_gateway.can_link.virtual import VirtualLink
 from hil_gateway.can_link.wire import WireLink
 
-hypothesis.settings.register_profile("any machine", hypothesis.settings(deadline=None))  # beside what is set already
+hypothesis.settings.register_profile(
+    "any machine", hypothesis.settings(deadline=None, derandomize=not long_run())
+)  # beside what is set already
 hypothesis.settings.load_profile("any machine")
-"""how long an example takes says nothing of the code on a machine that does other work"""
+"""how long an example takes says nothing of the code on a machine that does other work; the long run looks for examples
+that nobody has tried, the usual one judges a change"""
 
 ROOT = Path(__file__).resolve().parents[1]
 
