@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from hil_gateway.settings.gateway import PERIOD_NS
 
-ANSWER_NS = 5_000_000
+ANSWER_NS = 4_000_000
 """from the beginning of a period to its frames: state 0.8 ms, estimate 1.2 ms, plan 2.4 ms on two cores"""
-LATEST_NS = 6_500_000
+LATEST_NS = 5_500_000
 """until which frames wait for a command that is due: frames leave every 10 ms within 2 ms"""
 AFTER_REPORTS_NS = 1_000_000
 """from the newest report to the beginning of a period: reports come as irregularly as that"""
