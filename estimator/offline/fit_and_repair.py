@@ -192,7 +192,7 @@ def _columns(task: Task, health: HealthReport, *, with_forces: bool) -> ModelCol
         nuisances.append(steer_timing(task.log.step))
     if health.steering_is_off:
         nuisances.append(steer_zero())
-    if task.formulation == "output_error" and health.vy_is_displaced:
+    if task.formulation == "output_error" and health.vy_is_displaced and not health.vy_was_placed:
         nuisances.append(vy_sensor())
     if KNOWN_BANK in task.log:
         nuisances.append(known_bank(ay_is_derived="ay" in task.log.derived))
@@ -205,7 +205,8 @@ def _columns(task: Task, health: HealthReport, *, with_forces: bool) -> ModelCol
 
 def _is_fast(task: Task, health: HealthReport) -> bool:
     """Whether the air presses on a car whose own logger recorded it; a log of other sensors is taken as it is."""
-    own_logger = health.lateral_was_repaired and presses(fast_speed(task.log), task.vehicle)
+    own_logger = health.lateral_was_repaired and "ay" in task.log.derived
+    own_logger = own_logger and presses(fast_speed(task.log), task.vehicle)
     return KNOWN_BANK in task.log or own_logger
 
 

@@ -127,7 +127,8 @@ def identify(
     columns, theta = fitted.columns, fitted.fit.theta
     rollouts = simulations(columns, theta, task.log, held_out, options.window_s)
     scores = score_samples(columns, theta, held_out, rollouts if task.formulation == "output_error" else None)
-    known = analyse(fitted.fit, fitted.samples.select(fitted.split.train), vehicle, options.layout)
+    train = fitted.samples.select(fitted.split.train)
+    known = analyse(fitted.fit, train, vehicle, options.layout, health.vy_may_be_off)
     return Identification(
         options=options,
         vehicle=vehicle,

@@ -64,8 +64,10 @@ class Identifiability:
     stiffness_std: dict[str, float]
 
 
-def analyse(fit: EquationErrorFit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Identifiability:
-    """Identifiability of the tyre parameters at the estimate of `fit`."""
+def analyse(
+    fit: EquationErrorFit, samples: Samples, vehicle: Vehicle, layout: Layout, vy_off: float = 0.0
+) -> Identifiability:
+    """Identifiability of the tyre parameters at the estimate of `fit`; `vy_off`: m by which vy may be misplaced."""
     tyre = [i for i, name in enumerate(fit.names) if "." not in name]
     names = [fit.names[i] for i in tyre]
     scaled = marginal_information(fit.information, tyre)
@@ -73,10 +75,13 @@ def analyse(fit: EquationErrorFit, samples: Samples, vehicle: Vehicle, layout: L
     inflation = _inflation(fit, tyre)
     relative = theta / scale
     logarithmic = scaled * np.outer(relative, relative) / np.sqrt(np.outer(inflation, inflation))
+    by_place = {axle.name: vy_off * _per_metre(axle, samples, vehicle) for axle in AXLES[layout]}
     data_std = _data_std(logarithmic, names, fit.at_bound)
+    for axle in AXLES[layout]:
+        data_std[axle.parameters[0]] = float(np.hypot(data_std[axle.parameters[0]], by_place[axle.name]))
     identifiable = _identifiable(data_std, (*fit.at_bound, *_implausible(fit)))
     axles = tuple(_axle(axle, fit, samples, vehicle) for axle in AXLES[layout])
-    known_product = {axle.name: _product_std(logarithmic, names, axle) for axle in axles}
+    known_product = {a.name: float(np.hypot(_product_std(logarithmic, names, a), by_place[a.name])) for a in axles}
     return Identifiability(
         trace=trace_criterion(scaled),
         d_criterion=d_criterion(scaled),
@@ -85,7 +90,12 @@ def analyse(fit: EquationErrorFit, samples: Samples, vehicle: Vehicle, layout: L
         condition_number=float(np.linalg.cond(logarithmic)),
         data_std=data_std,
         identifiable=identifiable,
-        statements=(*_of_drive(fit, identifiable), *_in_words(identifiable, known_product, axles), *_at_bounds(fit)),
+        statements=(
+            *_of_drive(fit, identifiable),
+            *_of_place(by_place, vy_off),
+            *_in_words(identifiable, known_product, axles),
+            *_at_bounds(fit),
+        ),
         axles=axles,
         stiffness_std=known_product,
     )
@@ -138,6 +148,18 @@ def _product_std(logarithmic: Array, names: list[str], axle: Axle) -> float:
     """Relative standard deviation of the cornering stiffness B C D of an axle."""
     direction = np.array([1.0 if _on(axle, name) else 0.0 for name in names])
     return float(np.sqrt(direction @ _inverse(logarithmic) @ direction))
+
+
+def _per_metre(axle: TyreAxle, samples: Samples, vehicle: Vehicle) -> float:
+    """Relative change of the stiffness of an axle by a metre that vy is measured off the CoG."""
+    slip = slip_of(axle, samples, vehicle)
+    seen = np.resize(samples["yaw_rate"] / samples["vx"], slip.shape)
+    return float(abs(slip @ seen) / (slip @ slip))
+
+
+def _of_place(by_place: dict[str, float], vy_off: float) -> list[str]:
+    text = "the cornering stiffness of {} may be off by {:.0f} %, as vy may be measured {:.1f} m off the CoG"
+    return [text.format(name, 100 * share, vy_off) for name, share in by_place.items() if share > KNOWN_TO]
 
 
 def _of_drive(fit: EquationErrorFit, identifiable: dict[str, bool]) -> list[str]:

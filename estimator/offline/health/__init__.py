@@ -51,6 +51,18 @@ class HealthReport:
         return any(f.channel == "vy" and f.action is Action.CORRECTED for f in self.findings)
 
     @property
+    def vy_was_placed(self) -> bool:
+        """Whether an accelerometer told where vy is measured: tyres that the model lacks parts of would move it."""
+        return "ay" not in self.log.derived and any(f.name == lateral_velocity.POSITION_VY for f in self.findings)
+
+    @property
+    def vy_may_be_off(self) -> float:
+        """m from the CoG at which vy may be measured without a fit that allows for it, as a standard deviation."""
+        left = (f.std for f in self.findings if f.name == lateral_velocity.POSITION_VY and self.vy_was_placed)
+        unknown = (f.size for f in self.findings if f.name == lateral_velocity.UNKNOWN_PLACE)
+        return sum(left) if self.vy_is_displaced else sum(unknown)
+
+    @property
     def yaw_rate_was_moved(self) -> bool:
         """Whether the yaw rate was re-aligned: a fit then estimates what is left of its lag."""
         return any(f.channel == "yaw_rate" and f.action is Action.REALIGNED for f in self.findings)

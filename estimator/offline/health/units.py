@@ -288,13 +288,17 @@ def _of_vy(log: DriveLog, vehicle: Vehicle, speed: str) -> list[LogFinding]:
 
 
 def _swaying(log: DriveLog, moving: NDArray[np.bool_]) -> Relation | None:
-    """What d/dt vy is of ay less vx yaw_rate, in what varies within seconds: a bank and zeros of sensors do not."""
+    """What d/dt vy is of ay less vx yaw_rate, in what varies within seconds: a bank and zeros of sensors do not.
+
+    Of either only what the yaw acceleration does not: that is where vy is measured.
+    """
     t, segment = log["t"], log.segment
     vx, rate, ay = (smoothed(t, log[n], segment) for n in ("vx", "yaw_rate", "ay"))
     window = np.hanning(round(SWAY_S / log.step) + 2)[1:-1]
-    both = ay - vx * rate, derivative(t, log["vy"], segment)
-    swaying, expected = (s - np.convolve(s, window / window.sum(), "same") for s in both)
-    return _relation("d/dt vy", swaying[moving], expected[moving], {"vy": -1}, LATERAL_TOLERANCE)
+    each = ay - vx * rate, derivative(t, log["vy"], segment), derivative(t, log["yaw_rate"], segment)
+    swaying, expected, turning = ((s - np.convolve(s, window / window.sum(), "same"))[moving] for s in each)
+    at_one_place = (s - (s @ turning) / (turning @ turning) * turning for s in (swaying, expected))
+    return _relation("d/dt vy", *at_one_place, {"vy": -1}, LATERAL_TOLERANCE)
 
 
 def _by_the_rear_axle(log: DriveLog, vehicle: Vehicle, moving: NDArray[np.bool_]) -> list[LogFinding]:
@@ -303,22 +307,32 @@ def _by_the_rear_axle(log: DriveLog, vehicle: Vehicle, moving: NDArray[np.bool_]
     cornering = vx * rate / GRAVITY
     if not float(cornering @ cornering) > 0.0 or float(np.std(vy)) == 0.0:
         return []
-    left = {}
-    for unit, factor in SPEEDS.items():
-        for sign in (1, -1):
-            slip = (vehicle.lr * rate - vy / (sign * factor)) / vx
-            compliance = np.clip(
-                float(slip @ cornering) / float(cornering @ cornering), 1 / STIFFNESS[1], 1 / STIFFNESS[0]
-            )
-            rest = float(np.std(slip - compliance * cornering))
-            left[unit, sign] = rest, rest / max(float(np.std(slip)), 1e-12)
+    left = {
+        (unit, sign): _left_of((vehicle.lr * rate - vy / (sign * factor)) / vx, cornering)
+        for unit, factor in SPEEDS.items()
+        for sign in (1, -1)
+    }
+    as_written = _elsewhere((vehicle.lr * rate - vy) / vx, rate / vx, cornering, vehicle.wheelbase)
     unit, sign = min(left, key=lambda key: left[key][0])
-    rest, share = left[unit, sign]
-    if (unit, sign) == ("m/s", 1) or share > TELLS or rest > BETTER * left["m/s", 1][0]:
+    _, share = left[unit, sign]
+    if (unit, sign) == ("m/s", 1) or share > TELLS or share > BETTER * as_written:
         return []
     what = _words("vy", unit, sign)
     text = f"vy {what}: the rear axle then slips as it corners, to {100 * share:.0f} % of its slip"
     return [_conversion("vy", text, what, sign * SPEEDS[unit], 1.0 - share)]
+
+
+def _left_of(slip: Array, cornering: Array) -> tuple[float, float]:
+    """What cornering leaves of the rear slip with any tyre's stiffness: standard deviation, and as a share."""
+    stiffness = np.clip(float(slip @ cornering) / float(cornering @ cornering), 1 / STIFFNESS[1], 1 / STIFFNESS[0])
+    rest = float(np.std(slip - stiffness * cornering))
+    return rest, rest / max(float(np.std(slip)), 1e-12)
+
+
+def _elsewhere(slip: Array, path: Array, cornering: Array, wheelbase: float) -> float:
+    """That share with a sensor of vy that may be anywhere on the car: `slip` at the CoG is then off by x `path`."""
+    (x, _), *_ = np.linalg.lstsq(np.stack([-path, cornering], axis=1), slip, rcond=None)
+    return _left_of(slip + np.clip(x, -wheelbase, wheelbase) * path, cornering)[1]
 
 
 def _of_positions(log: DriveLog) -> list[LogFinding]:

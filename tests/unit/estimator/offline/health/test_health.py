@@ -11,6 +11,7 @@ from support.drives.drive_simulator import TYRE, simulate
 from support.drives.open_circle import circles
 
 from estimator.drive_log.column_map import ColumnMap, ColumnSource
+from estimator.drive_log.derived import smoothed
 from estimator.drive_log.table import DriveLog, read_log, segment_numbers
 from estimator.offline.health import Action, examine, units
 from hil_gateway.car.car import load_car
@@ -101,6 +102,26 @@ def test_misaligned_sensor_of_vy_is_found_and_corrected() -> None:
 def test_vy_measured_ahead_of_the_centre_of_gravity_is_found() -> None:
     finding = _only(_log(vy=COLUMNS["vy"] + 1.2 * COLUMNS["yaw_rate"]), "position_vy")
     assert finding.size == pytest.approx(1.2, abs=0.25)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("ahead", [1.5, -1.5])
+def test_where_vy_is_measured_is_told_by_a_measured_ay_or_said_to_be_unknown(measured_data: Path, ahead: float) -> None:
+    """A lap with downforce, whose tyres alone place vy 1.7 m off."""
+    log = read_log(measured_data / "public/d00_ok.csv")
+    moved = replace(log, columns={**log.columns, "vy": log["vy"] + ahead * log["yaw_rate"]})
+    healthy, found = (examine(one, VEHICLE) for one in (log, moved))
+    assert found.vy_was_placed and not healthy.vy_is_displaced
+    assert np.std(found.log["vy"] - log["vy"]) < 0.3 * np.std(moved["vy"] - log["vy"])
+    without = examine(replace(moved, derived={"ay": "from velocities"}), VEHICLE)
+    assert without.vy_may_be_off > 1.0 > healthy.vy_may_be_off
+    assert not {"unit_vy", "position_vy"} & {f.name for f in without.findings}, "knots are no better than a place"
+
+
+def test_an_accelerometer_off_the_centre_of_gravity_moves_no_vy() -> None:
+    turning = np.gradient(COLUMNS["yaw_rate"], COLUMNS["t"])
+    report = examine(_log(ay=COLUMNS["ay"] + 0.8 * smoothed(COLUMNS["t"], turning, np.zeros(len(turning)))), VEHICLE)
+    assert not report.vy_is_displaced
+    assert next(f for f in report.findings if f.name == "position_ay").size == pytest.approx(0.8, abs=0.1)
 
 
 @pytest.mark.parametrize("offset", [0.006, -0.012])
