@@ -48,10 +48,10 @@ def _beyond(curve: Sequence[float]) -> bool:
 
 def _curve(result: Identification, axle: TyreAxle) -> tuple[float, ...]:
     found, prior = axle.of(result.final), axle.of(result.initial)
-    if result.identifiability.stiffness_std[axle.name] > KNOWN_TO or _beyond(found):
-        return prior
     if all(result.identifiability.identifiable[name] for name in axle.parameters) and _tyre_like(found):
         return found
+    if result.identifiability.stiffness_std[axle.name] > KNOWN_TO or _beyond(found):
+        return prior
     return math.prod(found) / math.prod(prior[1:]), *prior[1:]
 
 

@@ -2,15 +2,17 @@
 
 Header `x_m,y_m,w_tr_right_m,w_tr_left_m` (a leading `#` is allowed), optionally `z_m` and `bank_rad`, in any
 order, apart by commas, or by semicolons or tabs with either decimal mark; places on a UTM grid are moved, and that is
-logged; `lat_deg,lon_deg` in place of x and y become metres from the first point; one row a point, in driving order,
-the last not repeating the first. A pit lane is the same, not closed, in `NAME.pit.csv` beside `NAME.csv`, from where
-it leaves the road to where it is back, `speed_mps` (optional) where its limit holds, else 0; its boxes are
-`NAME.boxes.csv`, `x_m,y_m,heading_rad` of the car's centre of gravity in each.
+logged; `lat_deg,lon_deg` in place of x and y become metres from the first point of the track; one row a point, in
+driving order, the last not repeating the first. A pit lane is the same, not closed, in `NAME.pit.csv` beside
+`NAME.csv`, from where it leaves the road to where it is back, `speed_mps` (optional) where its limit holds, else 0; its
+boxes are `NAME.boxes.csv`, `x_m,y_m,heading_rad` of the car's centre of gravity in each.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +27,17 @@ from hil_gateway.track.smoothing import Survey
 
 log = logging.getLogger(__name__)
 REQUIRED = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
-GEODETIC = ("lat_deg", "lon_deg", *REQUIRED[2:])
-ALSO = {"lat": "lat_deg", "latitude": "lat_deg", "lon": "lon_deg", "lng": "lon_deg", "longitude": "lon_deg"}
-"""other name of a column -> its name"""
+METRES, DEGREES = ("x_m", "y_m"), ("lat_deg", "lon_deg")
+ALSO = {
+    "lat": "lat_deg",
+    "latitude": "lat_deg",
+    "latitude_deg": "lat_deg",
+    "longitude_deg": "lon_deg",
+    "lon": "lon_deg",
+    "lng": "lon_deg",
+    "longitude": "lon_deg",
+}
+"""other name of a column, in small letters -> its name"""
 OPTIONAL = ("z_m", "bank_rad", "speed_mps")
 BOX = ("x_m", "y_m", "heading_rad")
 LIMITS: dict[str, tuple[float, float]] = {
@@ -60,13 +70,9 @@ def read_csv(path: Path) -> Survey:
     Raises:
         InputError: with file, row (line number), column, value and remedy.
     """
-    columns, numbers = _columns(path, REQUIRED, GEODETIC)
-    if "x_m" not in columns:
-        columns |= _on_map(path, columns["lat_deg"], columns["lon_deg"])
-    moved = _moved_by(columns)
-    if moved != (0.0, 0.0):
-        log.warning("%s: x, y are on a grid: moved by %.0f, %.0f m", path, -moved[0], -moved[1])
-        columns |= {name: columns[name] - by for name, by in zip(("x_m", "y_m"), moved, strict=True)}
+    columns, numbers = _columns(path)
+    frame = _Frame.of(path, columns)
+    columns |= frame.metres(path, columns)
     keep = _distinct(columns["x_m"], columns["y_m"])
     _check_line(path, numbers, columns["x_m"], columns["y_m"], keep)
     flat = np.zeros(len(numbers))
@@ -80,7 +86,7 @@ def read_csv(path: Path) -> Survey:
         width_right=columns["w_tr_right_m"][keep],
         z=columns.get("z_m", flat)[keep],
         bank=columns.get("bank_rad", flat)[keep],
-        pit_lane=_read_lane(path, moved) if lane_files(path) else None,
+        pit_lane=_read_lane(path, frame) if lane_files(path) else None,
     )
 
 
@@ -89,21 +95,48 @@ def lane_files(path: Path) -> tuple[Path, ...]:
     return tuple(part for kind in (".pit.csv", ".boxes.csv") if (part := path.with_suffix(kind)).is_file())
 
 
-def _moved_by(columns: dict[str, Array]) -> tuple[float, float]:
-    """Whole kilometres that places on a grid are moved by, near where they begin."""
-    x, y = columns["x_m"], columns["y_m"]
-    if not len(x) or max(abs(x[0]), abs(y[0])) < GRID_M:
-        return 0.0, 0.0
-    return float(np.round(x[0], -3)), float(np.round(y[0], -3))
+@dataclass(frozen=True)
+class _Frame:
+    """Where x and y of a track's files are counted from: a place in degrees, or metres that they are `moved` by."""
+
+    origin: OriginConfig | None
+    moved: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def of(cls, path: Path, columns: Mapping[str, Array]) -> _Frame:
+        """The first point in degrees, or whole kilometres near it on a grid; either is said."""
+        first = [float(columns[name][0]) for name in (*METRES, *DEGREES) if name in columns and len(columns[name])]
+        if "lat_deg" in columns and first:
+            log.warning("%s: m from %.7f, %.7f: the car's origin has to be there", path, *first)
+            return cls(OriginConfig(latitude=first[0], longitude=first[1]))
+        if not first or max(map(abs, first)) < GRID_M:
+            return cls(None)
+        moved = round(first[0], -3), round(first[1], -3)
+        log.warning("%s: x, y are on a grid: moved by %.0f, %.0f m", path, -moved[0], -moved[1])
+        return cls(None, moved)
+
+    def metres(self, path: Path, columns: Mapping[str, Array]) -> dict[str, Array]:
+        """`x_m`, `y_m` (n,) of a file with them, or with degrees as the track's own.
+
+        Raises:
+            InputError: one is in degrees, the other in metres.
+        """
+        if (self.origin is None) != ("x_m" in columns):
+            raise InputError(f"{path}:1: its places are in another form than the track's: give both in m or in degrees")
+        if self.origin is None:
+            return {name: columns[name] - by for name, by in zip(METRES, self.moved, strict=True)}
+        to_map = LocalMap(self.origin).to_map
+        places = [to_map(*place) for place in zip(*(columns[name].tolist() for name in DEGREES), strict=True)]
+        return dict(zip(METRES, np.array(places).reshape(-1, 2).T, strict=True))
 
 
-def _read_lane(path: Path, moved: tuple[float, float]) -> LaneSurvey:
+def _read_lane(path: Path, frame: _Frame) -> LaneSurvey:
     lane, boxes = path.with_suffix(".pit.csv"), path.with_suffix(".boxes.csv")
     columns, numbers = _columns(lane)
-    x, y = (columns[name] - by for name, by in zip(("x_m", "y_m"), moved, strict=True))
+    x, y = frame.metres(lane, columns).values()
     speed, ends = _limit(lane, columns.get("speed_mps", np.zeros(len(x))), numbers)
     limit = None if speed is None else ((x[ends[0]], y[ends[0]], 0.0), (x[ends[1]], y[ends[1]], 0.0))
-    places = _read_boxes(boxes, moved) if boxes.is_file() else ()
+    places = _read_boxes(boxes, frame) if boxes.is_file() else ()
     return LaneSurvey(str(lane), x, y, columns["w_tr_left_m"], columns["w_tr_right_m"], speed, limit, places)
 
 
@@ -121,33 +154,22 @@ def _limit(path: Path, speeds: Array, numbers: list[int]) -> tuple[float | None,
     return speed, (int(rows[0]), int(rows[-1]))
 
 
-def _read_boxes(path: Path, moved: tuple[float, float]) -> tuple[Place, ...]:
+def _read_boxes(path: Path, frame: _Frame) -> tuple[Place, ...]:
     columns, _ = _columns(path, BOX)
-    x, y, yaw = (columns[name] - by for name, by in zip(BOX, (*moved, 0.0), strict=True))
-    return tuple(zip(x.tolist(), y.tolist(), yaw.tolist(), strict=True))
+    x, y = frame.metres(path, columns).values()
+    return tuple(zip(x.tolist(), y.tolist(), columns["heading_rad"].tolist(), strict=True))
 
 
-def _on_map(path: Path, latitude: Array, longitude: Array) -> dict[str, Array]:
-    """`x_m`, `y_m` of places (n,), degrees: m east and north of the first, which is said."""
-    if not len(latitude):
-        return {"x_m": latitude, "y_m": longitude}
-    origin = OriginConfig(latitude=float(latitude[0]), longitude=float(longitude[0]))
-    log.warning("%s: m from %.7f, %.7f: the car's origin has to be there", path, origin.latitude, origin.longitude)
-    to_map = LocalMap(origin).to_map
-    places = [to_map(*place) for place in zip(latitude.tolist(), longitude.tolist(), strict=True)]
-    return dict(zip(("x_m", "y_m"), np.array(places).T, strict=True))
-
-
-def _columns(
-    path: Path, required: tuple[str, ...] = REQUIRED, instead: tuple[str, ...] = REQUIRED
-) -> tuple[dict[str, Array], list[int]]:
-    """Columns by name, those `required` or all that may stand `instead`, and the line number of every row."""
+def _columns(path: Path, required: tuple[str, ...] = REQUIRED) -> tuple[dict[str, Array], list[int]]:
+    """Columns by name, those `required` or with degrees for metres, and the line number of every row."""
     lines = read_text(path, "track").splitlines()
     separator = max(SEPARATORS, key=lines[0].count) if lines else ","
     if separator != ",":
         lines = [lines[0].replace(separator, ","), *(_with_commas(line, separator) for line in lines[1:])]
-    names = [ALSO.get(n.strip(), n.strip()) for n in lines[0].lstrip("# ").split(",")] if lines else []
-    required = instead if set(instead) <= set(names) and not set(required) <= set(names) else required
+    found = [name.strip().strip('"').lower() for name in lines[0].lstrip("# ").split(",")] if lines else []
+    names = [ALSO.get(name.removesuffix("_deg"), name) for name in found]
+    if not {*METRES} <= {*names} and {*DEGREES} & {*names}:
+        required = *DEGREES, *required[2:]
     if twice := next((name for name in LIMITS if names.count(name) > 1), ""):
         raise InputError(f"{path}:1: column {twice} is there twice; leave one")
     missing = [name for name in required if name not in names]

@@ -297,8 +297,8 @@ def _swaying(log: DriveLog, moving: NDArray[np.bool_]) -> Relation | None:
     window = np.hanning(round(SWAY_S / log.step) + 2)[1:-1]
     each = ay - vx * rate, derivative(t, log["vy"], segment), derivative(t, log["yaw_rate"], segment)
     swaying, expected, turning = ((s - np.convolve(s, window / window.sum(), "same"))[moving] for s in each)
-    at_one_place = (s - (s @ turning) / (turning @ turning) * turning for s in (swaying, expected))
-    return _relation("d/dt vy", *at_one_place, {"vy": -1}, LATERAL_TOLERANCE)
+    swaying, expected = (s - (s @ turning) / (turning @ turning) * turning for s in (swaying, expected))
+    return _relation("d/dt vy", swaying, expected, {"vy": -1}, LATERAL_TOLERANCE)
 
 
 def _by_the_rear_axle(log: DriveLog, vehicle: Vehicle, moving: NDArray[np.bool_]) -> list[LogFinding]:

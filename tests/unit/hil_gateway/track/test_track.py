@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hil_gateway.config import OriginConfig
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.csv_file import read_csv
+from hil_gateway.track.geodesy import LocalMap
 from hil_gateway.track.loading import load_track, shipped_tracks
 from hil_gateway.track.track import Track
 
@@ -296,6 +298,30 @@ def test_places_by_latitude_and_longitude_are_metres_from_the_first(
     assert np.ptp(survey.x) == pytest.approx(12e-4 * 74_500, rel=2e-3)
     assert (survey.x[0], survey.y[0]) == (0.0, 0.0)
     assert "the car's origin has to be there" in caplog.text
+
+
+def test_a_lane_by_latitude_and_longitude_lies_where_the_same_lane_in_metres_does(tmp_path: Path) -> None:
+    """Also with names in capitals; a lane in another form than its track is refused for that."""
+    metres = _with_lane(tmp_path, [3.0, 12.0, 15.0, 15.0, 15.0, 12.0, 3.0])
+    to_degrees, widths = LocalMap(OriginConfig(latitude=39.8, longitude=-86.2)).to_geodetic, HEADER.split(",")[2:]
+    for name in ("t.csv", "t.pit.csv"):
+        if name == "t.pit.csv":
+            with pytest.raises(InputError, match="another form than the track's"):
+                load_track(tmp_path / "t.csv")
+        rows = [line.split(",") for line in (tmp_path / name).read_text().splitlines()[1:]]
+        degrees = [(*(f"{a:.10f}" for a in to_degrees(float(x), float(y))), *rest) for x, y, *rest in rows]
+        text = "\n".join(",".join(row) for row in [("Latitude", "LON", *widths), *degrees])
+        (tmp_path / name).write_text(text)
+    assert metres.pit_lane is not None
+    lane = load_track(tmp_path / "t.csv").pit_lane
+    assert lane is not None
+    assert lane.offset == pytest.approx(metres.pit_lane.offset, abs=0.02)
+
+
+def test_places_in_degrees_without_widths_are_told_that_widths_are_missing(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("lat,lon\n48.0,11.0\n")
+    with pytest.raises(InputError, match="w_tr_right_m is missing"):
+        read_csv(tmp_path / "t.csv")
 
 
 def test_places_on_a_utm_grid_are_moved_and_that_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
