@@ -20,7 +20,7 @@ from estimator.belief.tyre_belief import Sample, TyreBelief
 from estimator.model.extra_load import extra_load
 from estimator.model.measurement import MeasurementKind, axle_forces
 from estimator.model.parameters import Quantity
-from estimator.model.single_track import AUXILIARY, BEFORE_STEP_S, DRIVE_BEFORE, FULL_BRAKE_PA, SingleTrack
+from estimator.model.single_track import AUXILIARY, BEFORE_STEP_S, DRIVE_BEFORE, SingleTrack
 from estimator.state.localisation import Localisation
 from hil_gateway.agreement import agreement
 from hil_gateway.bus import topics
@@ -57,7 +57,8 @@ class Estimator:
         self._bus = bus
         track = track or load_track(config.track)
         self._agreement = agreement(config, track)
-        self.localisation = Localisation(config.declared_car, track)
+        self.localisation = Localisation(config.declared_car, track, config.placing)
+        self._full_brake = config.powertrain.brake_pressure_max
         self._use(ModelInUse.of(config, starting_revision(config, config.estimator.model), track.length))
         self._succession = Succession(config, track.length, background=background)
         self._learns = config.estimator.learn
@@ -70,7 +71,7 @@ class Estimator:
 
     def _use(self, model: ModelInUse) -> None:
         """Work with a model from now on."""
-        self.model, self._window = model, SampleWindow(model.revised)
+        self.model, self._window = model, SampleWindow(model.revised, self._full_brake)
 
     @property
     def belief(self) -> TyreBelief:
@@ -160,8 +161,9 @@ def late_drive(model: SingleTrack) -> int:
 class SampleWindow:
     """Turns a run of states and estimates into `imu_yaw` samples, `HALF_WINDOW` samples late."""
 
-    def __init__(self, revised: RevisedModel) -> None:
-        self._revised = revised
+    def __init__(self, revised: RevisedModel, full_brake: float) -> None:
+        """`full_brake`: pressure of full braking, Pa."""
+        self._revised, self._full_brake = revised, full_brake
         self._rows: deque[tuple[int, VehicleState, Estimate, Array, Array]] = deque(maxlen=2 * HALF_WINDOW + 1)
         self._steer: deque[float] = deque(maxlen=HALF_WINDOW + LATE_STEER)
         self._drive: deque[float] = deque(maxlen=HALF_WINDOW + late_drive(revised.model))
@@ -174,7 +176,7 @@ class SampleWindow:
             self._past.clear()
             return None
         self._past.append(estimate.drive)
-        aux = _auxiliary(state, estimate, localisation.track_position, self._past)
+        aux = _auxiliary(state, estimate, localisation.track_position, self._past, self._full_brake)
         self._rows.append((state.stamp_ns, state, estimate, aux, localisation.motion_covariance))
         self._steer.append(estimate.steer)
         self._drive.append(estimate.drive)
@@ -219,13 +221,15 @@ def slope(stamps_ns: Sequence[int], values: Sequence[float]) -> float | None:
     return sum(w * v for w, v in zip(weights, values, strict=True)) * NS_PER_S / (step_ns * sum(w * w for w in weights))
 
 
-def _auxiliary(state: VehicleState, estimate: Estimate, track_position: float, drives: Sequence[float]) -> Array:
+def _auxiliary(
+    state: VehicleState, estimate: Estimate, track_position: float, drives: Sequence[float], full_brake: float
+) -> Array:
     """Values of `AUXILIARY` as the car reports them; what it does not report stays neutral. `drives` up to now."""
     ago = (min(k * BEFORE_STEP, len(drives) - 1) for k in range(1, len(DRIVE_BEFORE) + 1))
     known = {
         **{name: drives[-1 - samples] - estimate.drive for name, samples in zip(DRIVE_BEFORE, ago, strict=True)},
         "track_position": track_position, "t": state.stamp_ns / NS_PER_S, "yaw": estimate.yaw,
-        "throttle": state.throttle, "brake": 0.5 * (state.brake_front + state.brake_rear) / FULL_BRAKE_PA,
+        "throttle": state.throttle, "brake": 0.5 * (state.brake_front + state.brake_rear) / full_brake,
         "brake_balance": brake_balance(state.brake_front, state.brake_rear),
         "gear": float(state.gear), "engine_speed": state.engine_speed,
         "ax": state.ax - estimate.bias_ax, "steer_rate": state.steer_rate, "extra_load": extra_load(state.az),

@@ -13,12 +13,12 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from hil_gateway.car.car import Car, default_platform, load_car
+from hil_gateway.car.car import Car, Receiver, default_platform, load_car
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
-from hil_gateway.settings.gateway import GatewayConfig
+from hil_gateway.settings.gateway import GatewayConfig, stop_of
 from hil_gateway.settings.joystick import JoystickConfig
 from hil_gateway.settings.receivers import ReceiverConfig
 from hil_gateway.settings.ros2 import Ros2Config
@@ -174,6 +174,12 @@ class Config(Model):
         """The same with the numbers that this configuration gives in their place: what is driven with."""
         return self.car.model_copy(update={"vehicle": self.vehicle, "powertrain": self.powertrain})
 
+    @property
+    def placing(self) -> Receiver:
+        """The receiver that places the car: the first one on the network, else the first one of its bus."""
+        network, wired = self.car.network_receivers, self.car.receivers
+        return next((network[name] for name in self.receivers), next(iter(wired.values())))
+
     @model_validator(mode="before")
     @classmethod
     def _of_the_car(cls, tree: Any) -> Any:
@@ -183,7 +189,7 @@ class Config(Model):
         car = load_car(str(tree.get("platform") or default_platform()))
         of_car: dict[str, Any] = {
             "platform": car.platform, "vehicle": car.vehicle.model_dump(), "powertrain": car.powertrain.model_dump(),
-            "gateway": {"stop": {"lateral_grip": car.tyres.grip}},
+            "gateway": {"stop": stop_of(car)},
         }  # fmt: skip
         return _merged(of_car, tree)
 
@@ -211,9 +217,7 @@ class Config(Model):
     @model_validator(mode="after")
     def _stops(self) -> Self:
         """The declared brakes must be able to do what stopping asks of them."""
-        train, stop = self.powertrain, self.gateway.stop
-        share = max(train.brake_bias_front, 1 - train.brake_bias_front)
-        force = train.brake_force_per_pa * train.brake_pressure_max / share
+        force, stop = self.powertrain.hardest_braking, self.gateway.stop
         if force < self.vehicle.mass * stop.emergency_deceleration:
             raise ValueError(
                 f"the brakes give {force / self.vehicle.mass:.1f} m/s2 at brake_pressure_max, "

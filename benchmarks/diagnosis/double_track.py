@@ -24,7 +24,6 @@ from rich.table import Table
 from benchmarks.practice.double_track import BRAKE_FORCE, BRAKE_PRESSURE, Setup
 from benchmarks.practice.double_track_drive import simulate
 from estimator.drive_log.table import DriveLog, segment_numbers
-from estimator.model.single_track import FULL_BRAKE_PA
 from estimator.offline.diagnosis import diagnose
 from estimator.offline.health import examine
 from estimator.offline.record.declared import default_tyre_prior
@@ -108,7 +107,7 @@ def sizes(case: Case) -> dict[str, float]:
     return {
         "aero_drag.k": s.drag, "aero_downforce.k_front": s.downforce[0], "aero_downforce.k_rear": s.downforce[1],
         "load_transfer.height": s.height,
-        "front_brake.force": s.brake_front * BRAKE_FORCE * FULL_BRAKE_PA / BRAKE_PRESSURE,
+        "front_brake.force": s.brake_front * BRAKE_FORCE * load_car().powertrain.brake_pressure_max / BRAKE_PRESSURE,
     }  # fmt: skip
 
 

@@ -109,7 +109,7 @@ def _along_its_way(car: Car, config: Config, deceleration: float, grip: float, b
     stopping = Stopping(config.vehicle, stop, config.powertrain.force_per_drive, car.road.track)
     stopping.start(car["steer"])
     stopping.flat = by_axle and any(car.flats)
-    axles = AxleBrakes(config.vehicle, grip, config.powertrain)
+    axles = AxleBrakes(config.declared_car, grip)
 
     def drive() -> ActuatorPositions:
         motion = Motion(car["vx"], car["yaw_rate"], car["vx"] * car["yaw_rate"])

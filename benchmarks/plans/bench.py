@@ -15,8 +15,8 @@ import numpy as np
 from benchmarks.plans.reference_nlp import ReferenceNlp
 from estimator.belief.information import fisher_information, trace_criterion
 from estimator.belief.revision import declared_revision, model_of
-from estimator.belief.tyre_belief import DEFAULT_STD
-from estimator.model.measurement import CHANNELS, measurement_function
+from estimator.belief.tyre_belief import measured_std
+from estimator.model.measurement import measurement_function
 from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import AUXILIARY
 from hil_gateway.car.car import load_car
@@ -181,7 +181,7 @@ def executed_gain(controller: Controller, measurement: ca.Function, z: Array) ->
     signals, kind = z[[3, 4, 5, 8, 7]], controller.settings.information.kind
     outputs: Any = measurement(signals, np.zeros(len(AUXILIARY)), controller.knowledge.mean, [])
     jacobian = outputs[1]
-    std = np.array([DEFAULT_STD[c] for c in CHANNELS[kind]])
+    std = np.array(measured_std(kind, controller.problem.model.vehicle.mass))
     return trace_criterion(fisher_information(np.array(jacobian)[None], std, controller.knowledge.prior_std))
 
 

@@ -19,6 +19,7 @@ from estimator.belief.tyre_belief import PLAUSIBLE, Sample
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
 from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import compile_function
 
@@ -27,8 +28,8 @@ WINDOW = 10
 acceleration is several percent of an axle's force"""
 TELLING = 0.5
 """share of its peak an axle is expected to bear, at least: errors of small forces are large shares"""
-BRAKING_N = 4000.0
-"""expected of the brakes at least, as `TELLING`: half of a stop at 1 g"""
+BRAKING = 0.5
+"""of the weight, expected of the brakes at least, as `TELLING`: half of a stop at 1 g"""
 LATE = 15
 """samples, 0.15 s, by which brakes may act later than their pressures are reported: what a late force lacks where a
 stop begins is not lost, and asked for again it comes on top"""
@@ -92,7 +93,7 @@ class Delivery:
         missing = self._missing(z[0] - ax, z[1] - ay, z[2] - yaw_acc)
         measured = front + missing[0], rear + missing[1], along + missing[2]
         whole = math.hypot(measured[0] + measured[1], measured[2]) / sum(peaks)
-        self._along.append(_telling(along, BRAKING_N))
+        self._along.append(_telling(along, BRAKING * GRAVITY * self._vehicle.mass))
         front, rear = _telling(front, TELLING * peaks[0]), _telling(rear, TELLING * peaks[1])
         locking = slips[0] > LOCKING, slips[1] > LOCKING
         self._rows.append(_Row((front, rear, self._due()), measured, whole, max(slips) < ROLLING, locking))

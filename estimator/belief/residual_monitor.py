@@ -16,10 +16,10 @@ from math import inf, sqrt
 import casadi as ca
 import numpy as np
 
-from estimator.belief.tyre_belief import DEFAULT_STD, PLAUSIBLE, Sample
+from estimator.belief.tyre_belief import PLAUSIBLE, Sample, measured_std
 from estimator.model.effect import Effect
 from estimator.model.effects import catalogue
-from estimator.model.measurement import CHANNELS, measurement
+from estimator.model.measurement import measurement
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import compile_function
@@ -192,7 +192,7 @@ class _ScoreTest:
         n = len(self._scale)
         self._gram, self._moment, self._count = np.zeros((3, n, n)), np.zeros((3, n)), 0
         self._energy = np.zeros(3)
-        self._std = np.array([DEFAULT_STD[c] for c in CHANNELS["imu_yaw"]])
+        self._std = np.array(measured_std("imu_yaw", model.vehicle.mass))
 
     def _columns_of(self, effects: list[Effect]) -> dict[str, list[int]]:
         columns, start = {}, len(self._tyre)

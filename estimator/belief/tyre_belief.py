@@ -23,10 +23,10 @@ from hil_gateway.observer.kalman import scalar_update
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import CompiledFunction, compile_function
 
-DEFAULT_STD: Mapping[str, float] = {
-    "imu_ax": 0.5, "imu_ay": 0.4, "yaw_acc": 0.4, "fx_r": 400.0, "fy_f": 250.0, "fy_r": 250.0,
+MEASURED: Mapping[str, float] = {
+    "imu_ax": 0.5, "imu_ay": 0.4, "yaw_acc": 0.4, "fx_r": 0.5, "fy_f": 0.32, "fy_r": 0.32,
 }  # fmt: skip
-"""Measurement standard deviations: sensor noise and what Eq. (1)-(3) leave out, m/s2, rad/s2, N."""
+"""Measurement standard deviations, m/s2 and rad/s2: sensor noise, what Eq. (1)-(3) leave out; forces over the mass"""
 
 PLAUSIBLE = 1e6
 """no signal or measurement of a car is larger in SI; what is, is broken"""
@@ -51,10 +51,15 @@ class BeliefSettings:
     min_drive: float = 0.01
     max_slip_std: float = 0.02
 
-    def channel_std(self) -> Array:
+    def channel_std(self, mass: float) -> Array:
         """Standard deviation of each row of z, inflated for serial correlation."""
-        table = {**DEFAULT_STD, **(self.std or {})}
-        return np.asarray(np.array([table[c] for c in CHANNELS[self.kind]]) * np.sqrt(self.correlation_samples))
+        usual = dict(zip(CHANNELS[self.kind], measured_std(self.kind, mass), strict=True))
+        return np.array([*(usual | dict(self.std or {})).values()]) * float(np.sqrt(self.correlation_samples))
+
+
+def measured_std(kind: MeasurementKind, mass: float) -> list[float]:
+    """`MEASURED` of each row of z, SI."""
+    return [MEASURED[c] * (mass if c.startswith("f") else 1.0) for c in CHANNELS[kind]]
 
 
 class Sample(NamedTuple):
@@ -89,7 +94,7 @@ class TyreBelief:
         self.scale = np.array([p.prior_std for p in table])
         self.lower = (np.array([p.lower for p in table]) - self.prior) / self.scale
         self.upper = (np.array([p.upper for p in table]) - self.prior) / self.scale
-        self.channel_variance = self.settings.channel_std() ** 2
+        self.channel_variance = self.settings.channel_std(model.vehicle.mass) ** 2
         self._longitudinal = np.array([c in ("imu_ax", "fx_r") for c in CHANNELS[self.settings.kind]])
         self._recursion = recursion_function(self)
         self.reset()

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.model.single_track import FULL_BRAKE_PA
+from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 
@@ -26,7 +26,7 @@ FULL_THROTTLE_DRIVE = 0.10
 """Slip ratio taken to stand for full throttle."""
 
 FULL_BRAKE_DRIVE = 0.30
-"""Slip ratio taken to stand for full braking, 6 MPa or pedal 1: brakes act on four wheels, the engine on two."""
+"""Slip ratio taken to stand for full braking, pressure or pedal: brakes act on four wheels, the engine on two."""
 
 OF_PEDALS = "so C_x includes the scale of the pedals"
 """How a drive is described that was derived from throttle and brake."""
@@ -162,7 +162,7 @@ def _drive_from_pedals(columns: dict[str, Array]) -> tuple[Array, str] | None:
     in_pascal, share = is_pressure(brake), brake_share(brake)
     how = (
         f"{FULL_THROTTLE_DRIVE:g} throttle - {FULL_BRAKE_DRIVE:g} brake"
-        + (f" / {FULL_BRAKE_PA / 1e6:g} MPa" if in_pascal else "")
+        + (f" / {_full_pressure() / 1e6:g} MPa" if in_pascal else "")
         + f", {OF_PEDALS}"
     )
     return FULL_THROTTLE_DRIVE * columns["throttle"] - FULL_BRAKE_DRIVE * share, how
@@ -175,7 +175,12 @@ def is_pressure(brake: Array) -> bool:
 
 def brake_share(brake: Array) -> Array:
     """Brake channel, Pa or 0..1, as a share of full braking."""
-    return brake / FULL_BRAKE_PA if is_pressure(brake) else brake
+    return brake / _full_pressure() if is_pressure(brake) else brake
+
+
+def _full_pressure() -> float:
+    """Of the car that is operated, Pa."""
+    return load_car().powertrain.brake_pressure_max
 
 
 def _correlation(a: Array, b: Array) -> float:

@@ -15,9 +15,10 @@ import numpy as np
 from estimator.belief.relinearised import RelinearisedBelief
 from estimator.belief.revision import RevisedModel, model_of, revision_id
 from estimator.belief.tyre_belief import BeliefSettings, Sample
+from estimator.drive_log.derived import brake_share
 from estimator.model.effects import catalogue
 from estimator.model.memory import delayed
-from estimator.model.single_track import AUXILIARY, BEFORE_STEP_S, DRIVE_BEFORE, FULL_BRAKE_PA, SIGNALS
+from estimator.model.single_track import AUXILIARY, BEFORE_STEP_S, DRIVE_BEFORE, SIGNALS
 from estimator.node import HALF_WINDOW, LATE_STEER, acting_variances, in_kind, late_drive
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision
 from hil_gateway.config import Config
@@ -100,7 +101,7 @@ def _auxiliary(laps: LapColumns) -> Array:
     known = {
         **{name: delayed(t, drive, k * BEFORE_STEP_S) - drive for k, name in enumerate(DRIVE_BEFORE, 1)},
         **{name: columns[name] for name in FROM_LAPS},
-        "track_position": laps.position, "brake": columns["brake"] / FULL_BRAKE_PA,
+        "track_position": laps.position, "brake": brake_share(columns["brake"]),
         "steer_rate": np.gradient(columns["steer"], t),
     }  # fmt: skip
     neutral = np.zeros_like(laps.position)

@@ -66,11 +66,9 @@ AUXILIARY = (
 )  # fmt: skip
 """Further signals an effect may ask for; a caller that has none leaves them out and gets the neutral value 0.
 
-`brake` is a share of full braking, `FULL_BRAKE_PA` or pedal 1; `brake_balance` the difference of front and rear
-pressure over their sum; `extra_load` is what crests, dips and banks add to the
-axle loads, over the weight; `known_bank` is the road's, rad, where it is an input and no effect."""
-
-FULL_BRAKE_PA = 6.0e6
+`brake` is a share of full braking, `brake_pressure_max` of the car or pedal 1; `brake_balance` the difference of front
+and rear pressure over their sum; `extra_load` is what crests, dips and banks add to the axle loads, over the
+weight; `known_bank` is the road's, rad, where it is an input and no effect."""
 
 CHANNELS = ("ax", "ay", "yaw_acc", "vx_dot", "vy_dot")
 """What the model predicts: specific forces as the accelerometer reports them, and the motion."""

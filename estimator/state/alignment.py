@@ -59,6 +59,6 @@ class Alignment:
 
     def _place_std(self, f: StateFilter) -> float:
         """Of the way between two fixes, m."""
-        n, t = f.noise, self._seconds
+        n, car, t = f.noise, f.car, self._seconds
         late = n.position_delay * abs(float(f.mean[VX]))
-        return hypot(sqrt(2.0) * n.position, n.position_wander * sqrt(t), n.position_drift * t, late)
+        return hypot(sqrt(2.0) * car.position, car.position_wander * sqrt(t), n.position_drift * t, late)

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
+from math import hypot
 from typing import Any, NamedTuple
 
 import casadi as ca
 
-from hil_gateway.car.car import Car
+from hil_gateway.car.car import Car, Receiver
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.observer.kalman import scalar_update, symmetric
 from hil_gateway.process.arrays import Expr
@@ -50,20 +51,36 @@ class FilterCar(NamedTuple):
     lr: Expr
     rear_slip_yield: Expr
     """slip angle of the rear axle, rad, a m/s2 of lateral force: what a car on a bank creeps downhill"""
+    accel: Expr
+    """standard deviations of its sensors, white ones per sample: m/s2"""
+    yaw_rate: Expr
+    wheel_speed: Expr
+    """per axle, m/s"""
+    position: Expr
+    """of a fix by itself, m: what the next fix does not share"""
+    position_wander: Expr
+    """m per square root of a second"""
 
 
-def filter_car(car: Car) -> FilterCar:
-    """By what is declared, with linear tyres."""
-    vehicle, tyres = car.vehicle, car.tyres
-    return FilterCar(vehicle.lf, vehicle.lr, 1.0 / (tyres.br * tyres.cr * tyres.dr * GRAVITY))
+def filter_car(car: Car, receiver: Receiver) -> FilterCar:
+    """By what is declared, with linear tyres; `receiver` places it."""
+    vehicle, tyres, imu, n = car.vehicle, car.tyres, next(iter(car.imus.values())), FilterNoise()
+    return FilterCar(
+        vehicle.lf, vehicle.lr, 1.0 / (tyres.br * tyres.cr * tyres.dr * GRAVITY),
+        hypot(imu.acceleration_noise, n.vibration), hypot(imu.rate_noise, n.vibration_rate),
+        car.sensors.wheel_speed_noise, hypot(receiver.noise, n.position),
+        hypot(receiver.wander * (2.0 / receiver.wander_time) ** 0.5, n.position_wander),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class FilterNoise:
-    """Standard deviations; white ones per sample at the IMU rate, SI."""
+    """Standard deviations beyond what the car folder states; white ones per sample at the IMU rate, SI."""
 
-    accel: float = 0.15
-    yaw_rate: float = 0.004
+    vibration: float = 0.11
+    """m/s2, of body and engine"""
+    vibration_rate: float = 0.0036
+    """rad/s"""
     accel_model: float = 0.15
     """what the map leaves out of gravity, m/s2 per sample"""
     bias_accel_walk: float = 0.01
@@ -76,8 +93,8 @@ class FilterNoise:
     """rad per square root of a second: a mounting that settles"""
     imu_ahead_walk: float = 1e-3
     """m per square root of a second: a centre of gravity that moves with the fuel"""
-    position: float = 0.03
-    """of a fix by itself, m: what the next fix does not share"""
+    position: float = 0.022
+    """m: the antenna's way as the body moves"""
     position_wander: float = 0.04
     """m per square root of a second, 0.3 m a minute: corrections whose ambiguities are not resolved (float RTK)"""
     position_drift: float = 0.01
@@ -90,8 +107,6 @@ class FilterNoise:
     """of a receiver that states none, rad: two antennas 2 m apart, each to 1 cm"""
     heading_turn_walk: float = 2e-4
     """rad per square root of a second: of an inertial solution 0.08 degrees that wander within 100 s"""
-    wheel_speed: float = 0.03
-    """per axle, m/s: resolution and noise of the sensors"""
     wheel_rolling: float = 0.01
     """share of the speed by which a wheel that rolls freely may go wrong, with what stays correlated from sample to
     sample"""
@@ -104,14 +119,7 @@ class FilterNoise:
     initial_position: float = 0.3
     initial_yaw: float = 0.3
     initial_speed: float = 0.5
-    initial_bias_accel: float = 0.2
-    initial_bias_yaw_rate: float = 0.01
-    initial_wheel_scale: float = 0.01
     initial_slope_share: float = 0.5
-    initial_imu_turn: float = 0.02
-    """rad: a unit mounted by eye; by 0.03 the force of a bend of 2.5 g passes for 0.75 m/s2 along"""
-    initial_imu_ahead: float = 0.3
-    """m: a unit whose distance to the centre of gravity is taken from a drawing"""
     initial_heading_turn: float = 0.01
     """rad: what is left of how a receiver's axes, or the line of its antennas, are declared"""
 
@@ -217,8 +225,9 @@ def predict(moment: FilterMoment, *imu: Expr) -> None:
     )  # fmt: skip
     F, G = ca.jacobian(after, m), ca.jacobian(after, ca.vertcat(ax, ay, gyro))
     after, F, G = ca.substitute([after, F, G], [change], [rate - moment.yaw_rate])
-    white = n.accel**2 + n.accel_model**2 + accel_variance
-    noise = G @ ca.diag(ca.vertcat(white, white, n.yaw_rate**2 + rate_variance)) @ G.T + _walks(n, dt)
+    white = moment.car.accel**2 + n.accel_model**2 + accel_variance
+    noise = G @ ca.diag(ca.vertcat(white, white, moment.car.yaw_rate**2 + rate_variance)) @ G.T
+    noise += _walks(n, moment.car.position_wander, dt)
     moment.covariance = symmetric(F @ moment.covariance @ F.T + noise)
     moment.mean, moment.yaw_rate = after, rate
 
@@ -228,22 +237,23 @@ def levelled(ax: Any, ay: Any, cos: Any, sin: Any) -> tuple[Any, Any]:
     return cos * ax - sin * ay, sin * ax + cos * ay
 
 
-def _walks(n: FilterNoise, dt: Expr) -> Expr:
+def _walks(n: FilterNoise, wander: Expr, dt: Expr) -> Expr:
     """Covariance of the random walks over `dt` s."""
     drift = n.position_drift * (2.0 / n.position_drift_s) ** 0.5
     walk = (
-        n.position_wander, n.position_wander, 0.0, 0.0, 0.0, n.bias_accel_walk, n.bias_accel_walk,
+        wander, wander, 0.0, 0.0, 0.0, n.bias_accel_walk, n.bias_accel_walk,
         n.bias_yaw_rate_walk, n.wheel_scale_walk, n.slope_share_walk, n.slope_share_walk, n.imu_turn_walk,
         n.imu_ahead_walk, drift, drift, n.heading_turn_walk,
     )  # fmt: skip
-    return ca.diag(ca.DM(walk) ** 2) * dt
+    return ca.diag(ca.vertcat(*walk) ** 2) * dt
 
 
 def position(moment: FilterMoment, x: Expr, y: Expr) -> None:
     """Position fix of the CoG: gated as a whole, then taken along and across the car, less certain along a fast one."""
     before, n = (moment.mean, moment.covariance, moment.yaw_rate), moment.noise
     c, s = ca.cos(moment.mean[YAW]), ca.sin(moment.mean[YAW])
-    variances = n.position**2 + (n.position_delay * moment.mean[VX]) ** 2, n.position**2
+    white = moment.car.position**2
+    variances = white + (n.position_delay * moment.mean[VX]) ** 2, white
     rows = _row({X: c, Y: s}), _row({X: -s, Y: c})
 
     def off() -> list[Expr]:
@@ -268,7 +278,7 @@ def wheel_speeds(moment: FilterMoment, front: Expr, rear: Expr, steer: Expr, dri
     """Mean circumferential speeds of front and rear wheels, without direction; slip widens their noise."""
     m, n, lf, c, s = moment.mean, moment.noise, moment.car.lf, ca.cos(steer), ca.sin(steer)
     speed = ca.fabs(m[VX])
-    slip, free = n.wheel_slip * speed * drive, n.wheel_speed**2 + (n.wheel_rolling * speed) ** 2
+    slip, free = n.wheel_slip * speed * drive, moment.car.wheel_speed**2 + (n.wheel_rolling * speed) ** 2
     scale, rolling = 1.0 + m[WHEEL_SCALE], m[VX] * c + (m[VY] + lf * moment.yaw_rate) * s
     H = _row({VX: c * scale, VY: s * scale, BIAS_YAW_RATE: -lf * s * scale, WHEEL_SCALE: rolling})
     moment.unsigned(H, rolling * scale, front, free + ca.fmin(slip, 0.0) ** 2)
@@ -288,8 +298,8 @@ def rear_slip(moment: FilterMoment, ay: Expr) -> None:
 def standstill(moment: FilterMoment, *imu: Expr) -> None:
     """The car stands: no yaw rate; the gyro and the accelerometers show their biases."""
     n, (ax, ay, gyro, gravity_x, gravity_y) = moment.noise, imu
-    moment.update(_row({BIAS_YAW_RATE: 1.0}), gyro - moment.mean[BIAS_YAW_RATE], n.yaw_rate**2)
-    variance = 10 * (n.accel**2 + n.accel_model**2)
+    moment.update(_row({BIAS_YAW_RATE: 1.0}), gyro - moment.mean[BIAS_YAW_RATE], moment.car.yaw_rate**2)
+    variance = 10 * (moment.car.accel**2 + n.accel_model**2)
     level(moment, ax, ay, gravity_x, gravity_y, variance, variance)
 
 

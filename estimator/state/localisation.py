@@ -17,7 +17,7 @@ from estimator.state.alignment import UNKNOWN_STD, Alignment
 from estimator.state.filter_steps import BANK_SHARE, BIAS_AX, BIAS_YAW_RATE, GRADE_SHARE, STATES, VX, VY, YAW, X, Y
 from estimator.state.state_filter import SEEN, ImuReading, StateFilter, Unseen
 from hil_gateway.bus.messages import Estimate, Heading, Lacks, VehicleState
-from hil_gateway.car.car import Car
+from hil_gateway.car.car import Car, Receiver
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.perceive.road_speed import rests
 from hil_gateway.process.arrays import Array
@@ -57,8 +57,9 @@ GRAVITY_STD = 3.0
 class Localisation:
     """State filter with the life cycle around it; `step` once a vehicle state, in order."""
 
-    def __init__(self, car: Car, track: Track) -> None:
-        self.filter = StateFilter(car)
+    def __init__(self, car: Car, track: Track, placing: Receiver | None = None) -> None:
+        """`placing`: as `StateFilter`."""
+        self.filter = StateFilter(car, placing)
         self._track = track
         self.track_position = 0.0
         self._started = self._resting = False
@@ -94,7 +95,7 @@ class Localisation:
     def motion_covariance(self) -> Array:
         """Covariance of vx, vy, yaw_rate, shape (3, 3)."""
         P: Array = self.filter.covariance.take(_MOTION) * _SIGNS
-        P[2, 2] += self.filter.noise.yaw_rate**2
+        P[2, 2] += self.filter.car.yaw_rate**2
         return P
 
     def _elapsed(self, state: VehicleState) -> float:

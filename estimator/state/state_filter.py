@@ -47,7 +47,7 @@ from estimator.state.filter_steps import (
     levelled,
     step_function,
 )
-from hil_gateway.car.car import Car
+from hil_gateway.car.car import Car, Receiver
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import CompiledFunction
 
@@ -78,8 +78,16 @@ SEEN = Unseen()
 class StateFilter:
     """Mean and covariance of `STATES`; `initialise` first, then `predict` and updates in order of time."""
 
-    def __init__(self, car: Car) -> None:
-        self._car, self.noise = filter_car(car), FilterNoise()
+    def __init__(self, car: Car, receiver: Receiver | None = None) -> None:
+        """`receiver` that places the car; its first one where none is given."""
+        placing = receiver or next(iter(car.receivers.values()))
+        self.car, self.noise, imu = filter_car(car, placing), FilterNoise(), next(iter(car.imus))
+        self.declared = {
+            "bias_ax": car.std(f"imu.{imu}.acceleration_offset"), "bias_ay": car.std(f"imu.{imu}.acceleration_offset"),
+            "bias_yaw_rate": car.std(f"imu.{imu}.rate_offset"), "wheel_scale": car.relative_std("vehicle.wheel_radius"),
+            "imu_turn": car.std(f"imu.{imu}.yaw"), "imu_ahead": car.std(f"imu.{imu}.x"),
+        }  # fmt: skip
+        """how well the car folder knows states"""
         self.mean = np.zeros(len(STATES))
         self.covariance = np.eye(len(STATES))
         self.yaw_rate = self._yaw_acceleration = 0.0
@@ -94,7 +102,7 @@ class StateFilter:
 
     def _step(self, step: Step, measured: int) -> CompiledFunction:
         function = step_function(step, measured).twin()
-        function.inputs[4][:, 0] = self._car
+        function.inputs[4][:, 0] = self.car
         return function
 
     def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, **std: float) -> None:
@@ -104,10 +112,7 @@ class StateFilter:
         usual = {
             "x": n.initial_position, "y": n.initial_position, "yaw": n.initial_yaw,
             "vx": n.initial_speed, "vy": n.initial_speed + 0.1 * abs(vx),
-            "bias_ax": n.initial_bias_accel, "bias_ay": n.initial_bias_accel, "bias_yaw_rate": n.initial_bias_yaw_rate,
-            "wheel_scale": n.initial_wheel_scale,
-            "grade_share": n.initial_slope_share, "bank_share": n.initial_slope_share,
-            "imu_turn": n.initial_imu_turn, "imu_ahead": n.initial_imu_ahead,
+            "grade_share": n.initial_slope_share, "bank_share": n.initial_slope_share, **self.declared,
             "drift_x": n.position_drift, "drift_y": n.position_drift, "heading_turn": n.initial_heading_turn,
         }  # fmt: skip
         self.covariance = np.diag([std.get(f"{name}_std", usual[name]) ** 2 for name in STATES])
@@ -181,7 +186,7 @@ class StateFilter:
     @property
     def yaw_rate_std(self) -> float:
         """Of the bias-corrected gyro, rad/s."""
-        return sqrt(max(float(self.covariance[BIAS_YAW_RATE, BIAS_YAW_RATE]), 0.0) + self.noise.yaw_rate**2)
+        return sqrt(max(float(self.covariance[BIAS_YAW_RATE, BIAS_YAW_RATE]), 0.0) + self.car.yaw_rate**2)
 
     @property
     def healthy(self) -> bool:

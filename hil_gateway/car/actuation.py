@@ -13,7 +13,7 @@ from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 
 PRESSED = 1.0e5
-"""Pa, both circuits together: with less the brakes do nothing, and the noise of their sensors has no balance"""
+"""Pa: with less, hydraulic brakes do nothing: springs, seals; and the noise of their sensors has no balance"""
 
 
 def brake_balance(front: float, rear: float) -> float:

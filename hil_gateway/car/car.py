@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
@@ -35,6 +36,19 @@ class Actuators(Model):
     brake_bandwidth: Annotated[float, In("Hz")] = Field(gt=0)
     force_delay: Seconds = Field(ge=0, le=0.3, description="force after reported pedal and pressure")
     speed_max: Annotated[float, In("m/s")] = Field(ge=5, le=150, description="fastest that is planned")
+    supply_voltage_min: Annotated[float, In("V")] = Field(
+        default=0.0, ge=0, description="least with which steering and brakes work for a stop; 0: not judged"
+    )
+
+    @property
+    def steering_late(self) -> float:
+        """From a command until the steering is there, s: delay, and time constant of the motor's control."""
+        return self.steering_delay + 1.0 / (2.0 * math.pi * self.steering_bandwidth)
+
+    @property
+    def brakes_late(self) -> float:
+        """The same of the brakes."""
+        return self.brake_delay + 1.0 / (2.0 * math.pi * self.brake_bandwidth)
 
     @property
     def first_motion(self) -> float:
@@ -113,6 +127,15 @@ class Car(Model):
     """those that are in `car.toml` alone: the configuration says where they are read"""
     figures: Mapping[str, Figure]
     """`section.key` -> value, deviation and source, in the unit of the section"""
+
+    @property
+    def turns_in_s(self) -> float:
+        """s per m/s of speed after which the yaw rate follows the steering angle: yaw inertia over the damping of both
+        axles, I_z / (l_f^2 C_f + l_r^2 C_r) with the linear tyres of Eq. (2) under the loads of the fastest speed."""
+        v, tyres, pressed = self.vehicle, self.tyres, 0.5 * self.vehicle.air_density * self.actuators.speed_max**2
+        front = tyres.bf * tyres.cf * tyres.df * (v.static_load_front - v.lift_area_front * pressed)
+        rear = tyres.br * tyres.cr * tyres.dr * (v.static_load_rear - v.lift_area_rear * pressed)
+        return v.yaw_inertia / (v.lf**2 * front + v.lr**2 * rear)
 
     @property
     def codec(self) -> Codec:

@@ -70,6 +70,10 @@ class Vehicle(Model):
         """Rear axle load on level ground at rest, N."""
         return self.mass * GRAVITY * self.lf / self.wheelbase
 
+    def pressed(self, speed: float) -> float:
+        """Gravity and downforce over the mass at `speed` (m/s), m/s2."""
+        return GRAVITY + self.downforce(speed) / self.mass
+
     def downforce(self, speed: float) -> float:
         """Force that presses both axles down at `speed` (m/s), N."""
         return -0.5 * self.air_density * (self.lift_area_front + self.lift_area_rear) * speed**2

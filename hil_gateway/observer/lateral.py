@@ -29,7 +29,7 @@ import casadi as ca
 import numpy as np
 
 from hil_gateway.car.car import Car
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.observer.bank import FILTERS, GATE, SIGNS, Bank
 from hil_gateway.observer.kalman_step import step_function
 from hil_gateway.process.arrays import Array, Expr
@@ -149,7 +149,7 @@ class Turning:
         self.car, self.u = car, period
         self._turn_of_imu, self._ahead_of_imu = imu
         self._along = ca.fmax(period.braking, period.pushing)
-        self._pressed = GRAVITY + self.car.downforce(period.speed) / self.car.mass
+        self._pressed = self.car.pressed(period.speed)
 
     def after(self, x: Expr) -> Expr:
         """States one period on."""

@@ -68,6 +68,7 @@ class LimitConfig(Model):
         return rate
 
 
+STOPS = "controlled", "emergency"
 ROUNDED = 1e-9
 """share by which a rate may pass its bound: units are converted"""
 
@@ -84,18 +85,32 @@ class StopConfig(Model):
         description="lateral specific force the tyres hold, g; not given: the car's",
     )  # fmt: skip
     hold_pressure: float = Field(
-        default=2.0e6, ge=5.0e5, le=6.0e6, description="brake pressure at standstill, Pa; 0.25 MPa hold on a 10 % grade"
+        default_factory=lambda: stop_of(load_car())["hold_pressure"],
+        ge=1.0e5,
+        le=20.0e6,
+        description="brake pressure at standstill, Pa; not given: what holds the car on any road",
     )
 
     def grip(self, vehicle: Vehicle, speed: float) -> float:
         """Specific force that the declared grip of the tyres makes at `speed` (m/s), m/s2."""
-        return self.lateral_grip * (GRAVITY + vehicle.downforce(speed) / vehicle.mass)
+        return self.lateral_grip * vehicle.pressed(speed)
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
         if self.emergency_deceleration < self.controlled_deceleration:
             raise ValueError("emergency_deceleration is less than controlled_deceleration")
         return self
+
+
+def stop_of(car: Car) -> dict[str, float]:
+    """What the settings of a stop are for a car where nothing else is given: no harder than its brakes can."""
+    train, weight = car.powertrain, car.vehicle.mass * GRAVITY
+    brakes, usual = train.hardest_braking / car.vehicle.mass, StopConfig.model_fields
+    return {
+        "lateral_grip": car.tyres.grip,
+        "hold_pressure": min(0.5 * weight / train.brake_force_per_pa, train.brake_pressure_max),
+        **{f"{kind}_deceleration": min(usual[f"{kind}_deceleration"].default, brakes) for kind in STOPS},
+    }
 
 
 class ArmingConfig(Model):

@@ -43,8 +43,6 @@ PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
 PROBATION_FAILURES = 3
 Effects = tuple[str, ...]
-RACE_LINE_MARGIN = 1.6
-"""least distance of the race line from the edges, m"""
 
 
 @dataclass
@@ -275,7 +273,7 @@ class Adoption:
             brakes=Brakes(self._settings.brakes, knowledge.brake_ratio, knowledge.brake_doubt),
         ).braked(self.delivered.brakes * self._config.powertrain.hardest_braking / self._config.vehicle.mass)
         if self._line is None:
-            self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
+            self._line = raceline_for(self._track, envelope, self._settings.limits.race_line_margin)
             self.trust = Trust(len(self._line.s), self._line.length)
         self._line = self._line.with_envelope(envelope, self.load_cap * self.trust.share)
         self._asked = (*knowledge.capacity, *knowledge.brake_doubt)

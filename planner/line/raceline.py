@@ -29,7 +29,7 @@ from planner.line.speed_profile import RoadPath, lap_time_of, speed_profile
 NODE_SPACING = 5.0
 """m between nodes of the optimisation"""
 BEND_LENGTH = 6.0
-"""m over which the vertical curve is taken: two wheelbases, which a car cannot feel finer than"""
+"""m over which the vertical curve is taken: about two wheelbases, which a car cannot feel finer than"""
 LINE_SPACING = 2.0
 """m between points of the finished line"""
 VERSION = 3

@@ -17,7 +17,7 @@ from hil_gateway.process.arrays import Expr
 
 REAR_MARGIN = 1.1
 """of what the front axle uses of its grip, over what the rear axle does: the engine, which the law leaves out, brakes
-the rear axle with 600 N, a tenth of what its brakes do at 13 kN"""
+the rear axle with a tenth of what its brakes do in a hard stop"""
 SHARES = (0.2, 0.8)
 """front share of the brakes' force at equal pressures that a belief may have"""
 MOST_MOVED = 0.9

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from estimator.belief.information import stage_information
-from estimator.belief.tyre_belief import DEFAULT_STD, BeliefSettings
+from estimator.belief.tyre_belief import BeliefSettings, measured_std
 from estimator.model.measurement import CHANNELS
 from hil_gateway.process.arrays import Array, Expr
 from planner.problem.motion import STATES
@@ -93,9 +93,9 @@ def information_matrix(problem: StageModel, z: Expr, p: Mapping[str, Expr]) -> E
     """F_k of Eq. (7) in unscaled parameters at a state of the horizon and the belief's mean, shape (n, n)."""
     theta = ca.SX.sym("theta", len(problem.model.tyre_table))
     terms = problem.evaluate(z, theta, p)
-    channels = CHANNELS[problem.settings.information.kind]
-    h = ca.vertcat(*(getattr(terms, name) for name in channels))
-    F = stage_information(h, theta, [DEFAULT_STD[c] for c in channels], [1.0] * theta.numel())
+    kind = problem.settings.information.kind
+    h = ca.vertcat(*(getattr(terms, name) for name in CHANNELS[kind]))
+    F = stage_information(h, theta, measured_std(kind, problem.model.vehicle.mass), [1.0] * theta.numel())
     return ca.substitute(F, theta, p["information_theta"])
 
 

@@ -70,13 +70,18 @@ class PlanLimits:
     at 50 m/s swings the rear axle 7 % beyond what was asked, and who brakes out of one with 0.03 locks the inner front
     wheel"""
 
+    @property
+    def race_line_margin(self) -> float:
+        """Least distance of the race line from the edges, m."""
+        return self.car_half_width + self.track_margin + self.edge_zone
+
 
 STEER_SHARE = 0.93
 """of the steering's range that is planned with: the rest is for what corrects"""
 STEER_RATE = 0.3
 """rad/s at the road wheel, planned at most: quicker steering is seen by the plan as noise"""
 FULL_BRAKING_S = 0.225
-"""from coasting to full braking: the brake's own lag is 0.03 s"""
+"""from coasting to full braking: quicker braking is seen by the plan as noise"""
 
 
 def limits_of(car: Car, rates: CommandRates) -> PlanLimits:

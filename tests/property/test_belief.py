@@ -92,7 +92,8 @@ def test_belief_is_consistent_with_known_truth_over_many_runs(kind: MeasurementK
         )
         belief.set_covariance(np.diag((spread * belief.scale) ** 2))
         truth = belief.prior + spread * belief.scale * rng.normal(size=7)
-        car, std = Car(dict(zip(belief.names, truth, strict=True))), belief.settings.channel_std()
+        car = Car(dict(zip(belief.names, truth, strict=True)))
+        std = belief.settings.channel_std(load_car().vehicle.mass)
         for _ in range(samples):
             signals = random_signals(rng)
             z = measured(kind, car.respond(signals), signals[3]) + rng.normal(0, std)
@@ -174,7 +175,7 @@ def test_belief_without_drift_equals_batch_information() -> None:
         signals = np.array([30.0, 0.0, 0.0, 0.0, rng.uniform(0.02, 0.1)])
         jacobians.append(h(signals, AUX, belief.mean)[1][:1])
         belief.update(Sample(signals, np.zeros((3, 3)), np.array([signals[4] * 60.0, 0.0]), AUX))
-    F = fisher_information(np.array(jacobians), belief.settings.channel_std()[:1], belief.scale)
+    F = fisher_information(np.array(jacobians), belief.settings.channel_std(load_car().vehicle.mass)[:1], belief.scale)
     assert np.allclose(np.linalg.inv(belief.scaled_covariance), np.eye(4) + F, rtol=1e-9)
     assert belief.log_det_information == pytest.approx(d_criterion(np.eye(4) + F))
 
@@ -186,7 +187,7 @@ def test_criteria_order_informative_before_uninformative_driving() -> None:
     )
     table = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")).tyre_table
     theta, scale = np.array([p.prior for p in table]), np.array([p.prior_std for p in table])
-    std = BeliefSettings().channel_std()
+    std = BeliefSettings().channel_std(load_car().vehicle.mass)
     information = []
     for limit in (0.02, 0.12):
         rng = np.random.default_rng(4)

@@ -18,6 +18,7 @@ from estimator.state.filter_steps import (
     VY,
     YAW,
     FilterNoise,
+    filter_car,
 )
 from estimator.state.state_filter import ImuReading, StateFilter
 from hil_gateway.car.car import load_car
@@ -25,6 +26,7 @@ from hil_gateway.car.car import load_car
 DT, FINE = 0.01, 10
 HEADING_STD = 0.0014
 """rad that a receiver states"""
+CAR = filter_car(load_car(), next(iter(load_car().receivers.values())))
 NOISE = FilterNoise(initial_yaw=0.1)
 """Consistency is a promise about the aligned filter: a linearised one has no 95 % band for a heading 1 rad off."""
 
@@ -45,7 +47,7 @@ class Drive:
         ax, ay = np.gradient(self.vx, t) - self.vy * rate, np.gradient(self.vy, t) + self.vx * rate
         n = len(t) // FINE
         self.gravity = np.column_stack([self._waves(rng, t, 1.0, 0.2)[::FINE] for _ in range(2)])
-        accel_std = np.hypot(noise.accel, noise.accel_model)
+        accel_std = np.hypot(CAR.accel, noise.accel_model)
         walk = np.array([
             noise.bias_accel_walk, noise.bias_accel_walk, noise.bias_yaw_rate_walk,
             noise.wheel_scale_walk, noise.slope_share_walk, noise.slope_share_walk,
@@ -62,17 +64,17 @@ class Drive:
         self.imu = np.column_stack([(0.5 * (s[1:] + s[:-1])).reshape(n, FINE).mean(axis=1) for s in (ax, ay, rate)])
         self.imu[:, :2] -= self.gravity[1:] * drift[:-1, 4:6]
         self.imu[:, :2] = self._turned(self.imu[:, :2], drift[:-1, 6])
-        self.imu += drift[:-1, :3] + rng.normal(0, [accel_std, accel_std, noise.yaw_rate], (n, 3))
+        self.imu += drift[:-1, :3] + rng.normal(0, [accel_std, accel_std, CAR.yaw_rate], (n, 3))
         self.truth = np.column_stack([a[::FINE] for a in (x, y, yaw, self.vx, self.vy)] + [drift])
         # the receiver's place of the car wanders away from it
-        wander = rng.normal(0, noise.position_wander * np.sqrt(DT), (n + 1, 2)) + drift[:, 8:10] * DT
+        wander = rng.normal(0, CAR.position_wander * np.sqrt(DT), (n + 1, 2)) + drift[:, 8:10] * DT
         self.truth[:, :2] += np.cumsum(wander, axis=0)
         late = noise.position_delay * self.truth[:, VX] * rng.normal(0, 1, n + 1)
         way = np.column_stack([np.cos(self.truth[:, YAW]), np.sin(self.truth[:, YAW])])
         self.headings = self.truth[:, YAW] + self.truth[:, HEADING_TURN] + rng.normal(0, HEADING_STD, n + 1)
-        self.fixes = self.truth[:, :2] + rng.normal(0, noise.position, (n + 1, 2)) + late[:, None] * way
+        self.fixes = self.truth[:, :2] + rng.normal(0, CAR.position, (n + 1, 2)) + late[:, None] * way
         self.wheels = self.truth[:, [VX, VX]] * (1 + self.truth[:, [8, 8]])
-        slip = np.hypot(noise.wheel_speed, noise.wheel_rolling * self.truth[:, [VX, VX]])
+        slip = np.hypot(CAR.wheel_speed, noise.wheel_rolling * self.truth[:, [VX, VX]])
         self.wheels = self.wheels + rng.normal(0, slip)
 
     @staticmethod
@@ -92,11 +94,11 @@ class Drive:
 
 
 def initial_std() -> np.ndarray:
-    n = NOISE
+    n, d = NOISE, StateFilter(load_car()).declared
     return np.array([
         n.initial_position, n.initial_position, n.initial_yaw, n.initial_speed, n.initial_speed,
-        n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
-        n.initial_slope_share, n.initial_slope_share, n.initial_imu_turn, n.initial_imu_ahead,
+        d["bias_ax"], d["bias_ay"], d["bias_yaw_rate"], d["wheel_scale"],
+        n.initial_slope_share, n.initial_slope_share, d["imu_turn"], d["imu_ahead"],
         n.position_drift, n.position_drift, n.initial_heading_turn,
     ])  # fmt: skip
 
@@ -162,7 +164,7 @@ def test_a_turned_imu_is_found_and_its_forces_are_turned_back(turn: float) -> No
     f = started(drive, rng)
     for k in range(1, len(drive.truth)):
         step(f, drive, k)
-    assert f.std()[IMU_TURN] < 0.5 * NOISE.initial_imu_turn
+    assert f.std()[IMU_TURN] < 0.5 * f.declared["imu_turn"]
     assert abs(f.mean[IMU_TURN] - turn) < 3.0 * f.std()[IMU_TURN]
     f.mean[IMU_AHEAD] = 0.0
     felt = np.array([2.0, -25.0])

@@ -13,16 +13,18 @@ from estimator.model.effect import NOT_DRIVEN_WITH, Effect
 from estimator.model.effects.yaw_damping import EFFECT as YAW_DAMPING
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
 
-PRELOAD = 1000.0
-"""N; longitudinal force that presses the clutches as their springs do"""
+PRELOAD = 0.13
+"""of the weight; longitudinal force that presses the clutches as their springs do"""
 STRAIGHT = 0.02
 """rad/s; below it the moment fades, as the wheels' speeds hardly differ"""
 
 
 def _body(terms: Terms, lever: Expr, compliance: Expr) -> None:
-    most = lever * ca.sqrt(terms.fx_r * terms.fx_r + PRELOAD * PRELOAD)
+    preload = PRELOAD * GRAVITY * terms.vehicle.mass
+    most = lever * ca.sqrt(terms.fx_r * terms.fx_r + preload * preload)
     slipping_from = compliance * terms.vx * most / UNITS["kN"].factor
     omega = terms.yaw_rate
     terms.body_yaw = terms.body_yaw - most * omega / ca.sqrt(
@@ -33,7 +35,7 @@ def _body(terms: Terms, lever: Expr, compliance: Expr) -> None:
 EFFECT = Effect(
     name="limited_slip",
     lacks="the driven axle's torque locks its wheels",
-    equation="M_z = -M omega / sqrt(omega^2 + (c v_x M)^2), M = k sqrt(F_x,r^2 + F_0^2), F_0 = 1 kN",
+    equation="M_z = -M omega / sqrt(omega^2 + (c v_x M)^2), M = k sqrt(F_x,r^2 + F_0^2), F_0 = 0.13 m g",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 20 (torque-sensitive differentials)",
     parameters=(
         Parameter(

@@ -43,7 +43,8 @@ class Actor:
     """Actuators of the car: holds what stands on the wire and the path to stop on."""
 
     def __init__(self, config: Config, codec: Codec, link: CanLink, actuation: Actuation, track: Track | None) -> None:
-        self._actuation = actuation
+        self._actuation, car = actuation, config.declared_car
+        self._full_steering = car.actuators.steering_range * car.vehicle.steering_ratio
         self._hold_pressure = config.gateway.stop.hold_pressure
         self._hill = HillStart(self._hold_pressure) if config.gateway.hold else None
         self._testing = config.gateway.mode == "actuator_test"
@@ -59,8 +60,8 @@ class Actor:
         self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
         self._stand(self._limits.resting(0.0))
         self.stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
-        self._stuck = StuckSteering(config.vehicle, config.gateway.stop, track)
-        self._axles = AxleBrakes(config.vehicle, config.gateway.stop.lateral_grip, config.powertrain)
+        self._stuck = StuckSteering(car, config.gateway.stop, track)
+        self._axles = AxleBrakes(car, config.gateway.stop.lateral_grip)
         self.flat_front = self.flat_rear = False
         """whether a tyre of that axle is flat"""
         self._holding = False
@@ -135,7 +136,7 @@ class Actor:
         self._axles.watch(state, self.on_wire)
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
-            return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)
+            return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S, self._full_steering)
         balance = None  # a stop brakes as declared, whatever the planner asked for before
         if driving and command is not None:
             steer, drive = command.steer, self._paced(command.drive, motion.speed, decision)

@@ -18,9 +18,10 @@ from collections import deque
 from dataclasses import dataclass
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.car.actuation import ActuatorPositions
-from hil_gateway.car.powertrain import Powertrain
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.actuation import PRESSED, ActuatorPositions
+from hil_gateway.car.car import Car
+from hil_gateway.car.vehicle import GRAVITY
+from hil_gateway.gateway.perceive.monitors.actuators import PEDALS
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.settings.gateway import PERIOD_S
 
@@ -37,14 +38,10 @@ SLIPS = (0.08, 0.06)
 lateral force"""
 LET_GO = 100.0
 """1/s a unit of slip beyond: at 0.05 the pressure halves within 0.14 s, before a wheel stands"""
-PRESS_AGAIN = 4e6
-"""Pa/s: the whole pressure within a second"""
-LEAST_PRESSURE = 0.1e6
-"""Pa that are left: with less the brakes do not bite"""
-WATCHED, LATE = 20, 5
-"""periods a circuit is compared over, and those of them that its report is behind: delay and lag of the brakes"""
-JUDGED_FROM = 0.8e6
-"""Pa of command from which a report says what a circuit does"""
+PRESS_AGAIN_S = 1.5
+"""until the whole pressure is back"""
+WATCHED = 20
+"""periods a circuit is compared over"""
 STEADY = 1.5
 """largest over least command of those periods: a circuit that is late is not weak"""
 ANSWERS = 0.8
@@ -73,9 +70,11 @@ class AxleDemand:
 class AxleBrakes:
     """Pressures of both circuits, once a period of a stop; `start` with it."""
 
-    def __init__(self, vehicle: Vehicle, lateral_grip: float, train: Powertrain) -> None:
+    def __init__(self, car: Car, lateral_grip: float) -> None:
         """`lateral_grip`: declared friction coefficient of the tyres."""
-        self._vehicle, self._grip = vehicle, lateral_grip
+        self._vehicle, self._grip, train = car.vehicle, lateral_grip, car.powertrain
+        self._late = round(car.actuators.brakes_late / PERIOD_S)
+        """periods that a report is behind its command"""
         self._per_pa, self._most = train.brake_force_per_pa, train.brake_pressure_max
         self._held = [self._most, self._most]
         """Pa that slipping wheels have left to the front and to the rear circuit"""
@@ -89,8 +88,8 @@ class AxleBrakes:
         if len(self._asked) < WATCHED or not state.sources["pedals"].valid:
             return
         for circuit, reported in enumerate((state.brake_front, state.brake_rear)):
-            asked = [pressures[circuit] for pressures in self._asked][:-LATE]
-            if min(asked) > JUDGED_FROM and max(asked) < STEADY * min(asked):
+            asked = [pressures[circuit] for pressures in self._asked][: -self._late]
+            if min(asked) > PEDALS * self._most and max(asked) < STEADY * min(asked):
                 share = reported * len(asked) / sum(asked)
                 share = share if share < ANSWERS else 1.0
                 self._answers[circuit] += LEARNT * (share - self._answers[circuit])
@@ -157,9 +156,9 @@ class AxleBrakes:
         for axle, (pressure, slip, bound) in enumerate(zip(pressures, slips, SLIPS, strict=True)):
             if slip > bound:
                 share = max(1.0 - LET_GO * (slip - bound) * PERIOD_S, LEAST_SHARE)
-                self._held[axle] = max(share * min(self._held[axle], pressure), LEAST_PRESSURE)
+                self._held[axle] = max(share * min(self._held[axle], pressure), PRESSED)
             else:
-                self._held[axle] = min(self._held[axle] + PRESS_AGAIN * PERIOD_S, self._most)
+                self._held[axle] = min(self._held[axle] + self._most / PRESS_AGAIN_S * PERIOD_S, self._most)
 
 
 def _friction_circle_rest(across: float, most: float) -> float:

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from can_dbc.signals import Place
-from hil_gateway.car.actuation import ActuatorPositions
+from hil_gateway.car.actuation import PRESSED, ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.process.errors import InputError
 from hil_gateway.settings.gateway import CommandRates
 
-PEDAL_OVERLAP_PA = 50e3
-"""Above this brake pressure the accelerator is closed."""
 FREE = 1 << 32
 """steps: more than any field has"""
 
@@ -112,7 +110,7 @@ class Limits:
         """
         asked = self._in_one_circuit(wanted)
         braked = {name: self._apply(name, asked, previous) for name in ("brake_front", "brake_rear")}
-        bites = any(self.signals[name].value(raw) > PEDAL_OVERLAP_PA for name, raw in braked.items() if raw is not None)
+        bites = any(self.signals[name].value(raw) > 0.5 * PRESSED for name, raw in braked.items() if raw is not None)
         closed = asked._replace(accelerator=0.0) if bites or math.isnan(asked.accelerator) else asked
         others = {name: self._apply(name, closed, previous) for name in ("steering_motor", "accelerator", "gear")}
         command = self._raw({**braked, **others})

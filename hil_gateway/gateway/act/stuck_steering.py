@@ -16,11 +16,11 @@ from functools import partial
 
 import numpy as np
 
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.monitors.actuators import moved_share
-from hil_gateway.gateway.perceive.motion import LATE, TURNS_IN_S, UNDERSTEER, UNDERSTEER_MOST, Motion
+from hil_gateway.gateway.perceive.motion import UNDERSTEER, UNDERSTEER_MOST, Motion, periods_late
 from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import PERIOD_S, StopConfig
 from hil_gateway.track.track import Track
@@ -69,9 +69,10 @@ class _Way:
 class StuckSteering:
     """Whether to lock the wheels, once a period; `start` with a stop."""
 
-    def __init__(self, vehicle: Vehicle, config: StopConfig, track: Track | None) -> None:
-        self._vehicle, self._track = vehicle, track
-        self._grip = partial(config.grip, vehicle)
+    def __init__(self, car: Car, config: StopConfig, track: Track | None) -> None:
+        self._vehicle, self._track = car.vehicle, track
+        self._late, self._turns_in_s = periods_late(car), car.turns_in_s
+        self._grip = partial(config.grip, car.vehicle)
         self._angles: deque[tuple[float, float]] = deque(maxlen=WATCHED)
         """reported and asked, rad"""
         self._rates: deque[tuple[float, float]] = deque(maxlen=WATCHED)
@@ -94,8 +95,8 @@ class StuckSteering:
     def watch(self, reported: float, asked: float, motion: Motion) -> None:
         """Road-wheel angles of a period, rad; in every period, so that a stop begins with what is known."""
         self._angles.append((reported, asked))
-        due = self._angles[max(len(self._angles) - LATE, 0)][1]
-        share = PERIOD_S / (PERIOD_S + TURNS_IN_S * motion.speed)
+        due = self._angles[max(len(self._angles) - self._late, 0)][1]
+        share = PERIOD_S / (PERIOD_S + self._turns_in_s * motion.speed)
         self._reported += share * (reported - self._reported)
         self._asked += share * (due - self._asked)
         self._compare(motion)
@@ -108,7 +109,7 @@ class StuckSteering:
         brakes a car turns more than its angle means.
         """
         reported, asked = np.array(self._angles).T
-        self._moves = _follows(reported[LATE:], asked[:-LATE], ASKED, self._moves)
+        self._moves = _follows(reported[self._late :], asked[: -self._late], ASKED, self._moves)
         turned, meant = np.array(self._rates).T
         self._turns = motion.by_gyro and _follows(turned, meant, MEANT, self._turns)
         turns_as_asked = motion.by_gyro and self._asked_off + APART < self._reported_off

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from can_dbc.quantities import WHEELS
+from hil_gateway.car.car import Car
 from hil_gateway.car.states import SysState, meanings
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.config import Config
@@ -26,8 +27,8 @@ TILT_MAX = np.radians(15.0)
 """Steepest bank or slope the car is parked on."""
 GRAVITY_TOLERANCE = 0.1 * GRAVITY
 RATE_BIAS_MAX = np.radians(2.0)
-CENTRE_MAX = np.radians(30.0)
-"""Steering motor off centre (2 deg at the road wheel)."""
+CENTRE_MAX = np.radians(2.0)
+"""Steering off centre, at the road wheel."""
 WHEEL_SPREAD = 0.25
 """Wheels of a car pushed around a bend differ by less, share of their mean."""
 YAW_SEEN, ACCELERATION_SEEN = 0.05, 0.3
@@ -60,7 +61,7 @@ def judge_signals(seen: Observation, config: Config) -> list[Finding]:
         remedy = "push the car forward around a left bend while the check runs: it then judges the signs"
         hint = Finding(area=AREA, name="movement", verdict=Verdict.INFO, detail="standing still", remedy=remedy)
         of_imus = [found for imu in imus for found in (*_gravity(seen, imu), *_rates_at_rest(seen, imu))]
-        return [*findings, hint, *of_imus, *_steering_at_rest(seen, config.car.sensors.steering_apart)]
+        return [*findings, hint, *of_imus, *_steering_at_rest(seen, config.car)]
     signs = [found for imu in imus for found in _signs(seen, imu, time, by_wheel, config.vehicle)]
     return [*findings, *_wheels_agree(by_wheel), *_speed_agrees(seen, time, by_wheel, config), *signs]
 
@@ -171,13 +172,13 @@ def _rates_at_rest(seen: Observation, imu: str) -> list[Finding]:
     return findings
 
 
-def _steering_at_rest(seen: Observation, most_apart: float) -> list[Finding]:
-    """`most_apart`: by which the motor's two sensors may differ, rad."""
+def _steering_at_rest(seen: Observation, car: Car) -> list[Finding]:
     average, primary, secondary = (_mean(seen, f"steering_motor{which}") for which in ("", "_primary", "_secondary"))
     if average is None:
         return []
+    centred = abs(average) <= CENTRE_MAX * car.vehicle.steering_ratio
     centre = _finding(
-        "steering centre", abs(average) <= CENTRE_MAX, f"motor at {np.degrees(average):+.1f} deg",
+        "steering centre", centred, f"motor at {np.degrees(average):+.1f} deg",
         "turn the wheels straight ahead; if they are, the sensor's zero is off", Verdict.WARN,
     )  # fmt: skip
     if primary is None or secondary is None:
@@ -185,7 +186,7 @@ def _steering_at_rest(seen: Observation, most_apart: float) -> list[Finding]:
     apart = abs(primary - secondary)
     agree = _finding(
         "steering sensors",
-        apart <= most_apart,
+        apart <= car.sensors.steering_apart,
         f"{np.degrees(apart):.1f} deg apart",
         "one of the two sensors is off",
     )

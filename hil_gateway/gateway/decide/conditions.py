@@ -15,6 +15,7 @@ from hil_gateway.car.states import (
     SysState,
     VehicleFlag,
 )
+from hil_gateway.config import Config
 from hil_gateway.gateway.decide.arming import of_another_drive, unready
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
@@ -26,7 +27,6 @@ from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
 from hil_gateway.gateway.requests import REQUESTS
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.settings.gateway import GatewayConfig
 
 UNCOMMANDED = 1.0
 """m/s; a car in sys_state driving that moves so fast while nobody sends commands obeys old ones"""
@@ -39,8 +39,6 @@ OBEYS_BRAKES = (SysState.IDLE, SysState.DRIVING)
 """In driving the car does; commands begin the state before, so that its own brakes hand over to them."""
 LISTENS_NS = NS_PER_S // 10
 """ten periods of another computer's commands"""
-SUPPLY_MIN_V = 11.0
-"""A 12 V battery under load is nearly empty; steering and brakes still work: reports are plausible from 9 V on."""
 ENGINE_TURNS = 40.0
 """rad/s (380 rpm): starters crank slower, no engine idles so slow"""
 ESTIMATE_MAX_S = 0.1
@@ -58,18 +56,19 @@ class Conditions:
     """Remembers since when state and estimate are invalid and when the gateway ran last."""
 
     def __init__(
-        self, builder: VehicleStateBuilder, tyres: TyreReports, config: GatewayConfig, ours: Agreement | None = None
+        self, builder: VehicleStateBuilder, tyres: TyreReports, config: Config, ours: Agreement | None = None
     ) -> None:
         self._builder, self._tyres = builder, tyres
-        self._mode, self._ours = config.mode, ours
-        self._testing = config.mode == "actuator_test"
-        self._sends = config.mode in ("armed", "actuator_test")
-        self._holds = config.hold and config.mode == "armed"
+        self._mode, self._ours = config.gateway.mode, ours
+        self._testing = self._mode == "actuator_test"
+        self._sends = self._mode in ("armed", "actuator_test")
+        self._holds = config.gateway.hold and self._mode == "armed"
+        self._supply_min = config.car.actuators.supply_voltage_min
         self._began_ns: int | None = None
         self._state_invalid, self._estimate_invalid = ConditionTime(), ConditionTime()
         self._supply_low, self._stalled, self._black_flag = ConditionTime(), ConditionTime(), ConditionTime()
         self._last_ns: int | None = None
-        self._needs_heading = config.arming.heading == "known"
+        self._needs_heading = config.gateway.arming.heading == "known"
         self.ending = False
         """whether this process is to end"""
         self._blind_m = 0.0
@@ -185,7 +184,7 @@ class Conditions:
             "car_failure": _holds(builder.failing),
             "mode_switch_off": _holds(not builder.mode_switch),
             "safety_switch": _holds(builder.value("safety_switch") != 0),
-            "supply_low": self._supply_low.update(0.0 < builder.value("battery_voltage") < SUPPLY_MIN_V, now_ns),
+            "supply_low": self._supply_low.update(0.0 < builder.value("battery_voltage") < self._supply_min, now_ns),
             "engine_stalled": self._stalled.update(_stalled(state), now_ns),
             "tyre_flat": self._tyres.flat_s(now_ns),
         }

@@ -24,8 +24,11 @@ OLDEST_S = 0.15
 """age of the newest fix beyond which the course is no longer known: two fixes were lost"""
 SLOWEST = 8.0
 """m/s: slower, noise turns the course"""
-ACROSS_M = 0.1
-"""root mean square distance of the fixes from the parabola, across: five times the noise of a good receiver"""
+WEAVES_M, DEVIATIONS = 0.15, 7.5
+"""of a car that weaves from a parabola, and of what fixes scatter beside it in standard deviations: further apart,
+fixes are wrong"""
+DOUBTED = 1.0 / 3.0
+"""of that, root mean square, beyond which fixes say no course"""
 ALONG_S = 0.02
 """the same along, as time at the present speed: fixes that came two periods of the gateway late"""
 
@@ -41,10 +44,17 @@ class Course(NamedTuple):
     gain: float
 
 
+def apart_at_most(noise: float) -> float:
+    """Of a fix with so much noise from where it is expected, m."""
+    return WEAVES_M + DEVIATIONS * noise
+
+
 class CourseReader:
     """Keeps the newest fixes."""
 
-    def __init__(self) -> None:
+    def __init__(self, noise: float) -> None:
+        """`noise` of a fix, m."""
+        self._across = DOUBTED * apart_at_most(noise)
         self._fixes: deque[tuple[int, float, float]] = deque(maxlen=FITTED)
         self._seq = 0
         self._fit: tuple[Array, int] | None = None
@@ -74,7 +84,7 @@ class CourseReader:
         residual = np.sqrt(np.mean(_turned(places - powers @ coefficients, coefficients[1]) ** 2, axis=0))
         speed = math.hypot(*coefficients[1])
         self.scatter_m = float(residual[1]) if speed > SLOWEST else 0.0
-        scattered = residual[1] > ACROSS_M or residual[0] > ALONG_S * speed
+        scattered = residual[1] > self._across or residual[0] > ALONG_S * speed
         return None if speed < SLOWEST or scattered else (coefficients, newest_ns)
 
 

@@ -8,15 +8,16 @@ from typing import NamedTuple
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair, RepairedGyro
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_S
 
-DECELERATION_MAX = 35.0
-"""m/s2: 1.6 g of tyres with the downforce and drag of 80 m/s. Wheels that slow down faster than this have locked"""
+MOST_GRIP = 1.6
+"""friction that no tyres exceed: what they slow a car down by with its downforce and drag at its fastest is the most.
+Wheels that slow down faster have locked"""
 MISMATCH_S = 5.0
 """s: how slowly the difference of the rear wheels' radii is learnt from the gyro, so that no bend is taken for one"""
 LEARNING_FROM = 10.0
@@ -35,8 +36,6 @@ SHORTEST_SHARE = 0.4
 """of the wheelbase at least that a car turns as if it had: one that oversteers more is not steady"""
 BRAKED_UNDERSTEER = 0.5
 """of the understeer is left under the brakes: they load the front axle, and it was learnt mostly under power"""
-TURNS_IN_S = 1.5e-3
-"""s per m/s of speed after which the yaw rate follows the steering angle: yaw inertia over the damping of both axles"""
 BRAKE_SLIP = 0.0025
 """slip of the second fastest wheel a m/s2 of braking before anything has been learnt: slicks under a car of 1.5 g of
 downforce; in 300 m of braking it adds up to several metres"""
@@ -65,10 +64,13 @@ TURNED_MOST = 30.0
 """m/s2 of lateral force: wheels whose difference means more have locked"""
 LEAST_AHEAD = 0.8
 """front over rear axle's speed: with 0.3 rad of steering 0.96 and more; less is a wrong yaw rate"""
-LATE = 10
-"""periods (0.1 s) that the steering, with its report, is behind its command: delay, lag of the motor"""
 LONGEST_S = 0.1
 """longest period that is integrated, s"""
+
+
+def periods_late(car: Car) -> int:
+    """That the steering is behind its command, by its report of a period later."""
+    return 1 + round(car.actuators.steering_late / PERIOD_S)
 
 
 class Motion(NamedTuple):
@@ -115,10 +117,12 @@ class MotionReader:
     leave grip for it. Where nothing reports any more, what stands on the wire is taken for done.
     """
 
-    def __init__(self, vehicle: Vehicle, brake_force_per_pa: float) -> None:
-        self._vehicle = vehicle
-        self._per_pa = brake_force_per_pa / vehicle.mass
+    def __init__(self, car: Car) -> None:
+        self._vehicle = vehicle = car.vehicle
+        self._per_pa = car.powertrain.brake_force_per_pa / vehicle.mass
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
+        fastest, self._turns_in_s = car.actuators.speed_max, car.turns_in_s
+        self._slowing_most = MOST_GRIP * vehicle.pressed(fastest) + self._drag * fastest**2
         self._lately, self._under_brakes = (
             FadingRatio(UNDERSTEER_LEARNT, UNDERSTEER, 1.0),
             FadingRatio(UNDERSTEER_LEARNT),
@@ -135,7 +139,7 @@ class MotionReader:
         self._last_ns: int | None = None
         self._steered: deque[float] = deque(maxlen=COURSE_WINDOW)
         """v tan(delta) / L of the periods a course spans, rad/s"""
-        self._asked: deque[float] = deque(maxlen=LATE)
+        self._asked: deque[float] = deque(maxlen=periods_late(car))
         """steering angles on the wire, rad at the motor, the oldest of which the steering has reached"""
         self._meant: deque[float] = deque(maxlen=COURSE_WINDOW)
         """the same by what stood on the wire, as far as the steering has reached it"""
@@ -168,7 +172,7 @@ class MotionReader:
         steered = self._steered_rate(state, speed, commanded)
         if imu and wheels and speed > LEARNING_FROM:
             self._learn(state, speed)
-        share = dt / (dt + TURNS_IN_S * speed + 1e-9)
+        share = dt / (dt + self._turns_in_s * speed + 1e-9)
         meant = self._turn_of(self._asked[0] / self._vehicle.steering_ratio, state, speed, commanded)
         for turns, rate in (self._steered, steered), (self._meant, meant):
             before = turns[-1] if turns else rate
@@ -279,7 +283,7 @@ class MotionReader:
         if wheels:
             slip = self._brake_slip * self._braked(state, commanded)
             by_wheels = self._second_fastest(state) * (1.0 + self._radii + slip)
-            return max(by_wheels, self.motion.speed - DECELERATION_MAX * dt)
+            return max(by_wheels, self.motion.speed - self._slowing_most * dt)
         if course is not None:
             return course.speed
         gain = state.ax if imu else -self._braking(commanded)

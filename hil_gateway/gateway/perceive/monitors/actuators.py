@@ -10,24 +10,19 @@ import numpy as np
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
-from hil_gateway.gateway.perceive.motion import LATE
+from hil_gateway.gateway.perceive.motion import periods_late
 from hil_gateway.process.arrays import Array
 
-WINDOW = 40
-"""commands (0.4 s) among which the position must lie: delay (40 ms) and five time constants of the slowest actuator"""
-STEERING = 0.14
-"""rad at the motor (8 deg; 0.5 deg at the wheels): play, offset and noise of the sensor, overshoot"""
-STILL = 0.009
-"""rad at the motor (0.5 deg) within which a steering sensor stays that does not move"""
-ASKED = 0.05
-"""rad at the motor (3 deg) of change in its command after which steering that works has moved, whatever its offset"""
-ANSWER = 20
-"""periods (0.2 s) within which steering need not have answered yet: twice its delay, lag and the way of its report"""
-ACCELERATOR = 0.12
-BRAKES = 0.7e6
-"""Pa: 12 % of full pressure, the scatter of pads and lines"""
+ANSWER, WINDOW = 2, 4
+"""times delay, lag and report of the steering within which it need not have answered yet; and of whose commands one
+has been reached: five time constants"""
+APART = 5.0
+"""standard deviations of the steering's reports by which a command must change until steering that works has moved;
+with the offset of its sensor, how far it may be off: play, overshoot"""
+PEDALS = 0.12
+"""of the full accelerator, and of the full pressure of a brake: scatter of pads and lines"""
 JUDGED_FROM = 10.0
 """m/s: slower, engine braking, clutch and creep are as large as what is judged"""
 BRAKING = 5.0
@@ -47,10 +42,32 @@ class Follows:
     pedals: float
 
 
+@dataclass(frozen=True, slots=True)
+class _Steering:
+    """What reports of the steering may differ by: angles at the motor, rad; periods."""
+
+    ratio: float
+    still: float
+    """within which a sensor stays that does not move"""
+    asked: float
+    apart: float
+    late: int
+    answer: int
+    window: int
+
+
+def _steering(car: Car) -> _Steering:
+    noise, offset, late = car.sensors.steering_noise, car.std("sensors.steering_offset"), periods_late(car)
+    asked = APART * noise
+    apart = offset + asked + noise
+    return _Steering(car.vehicle.steering_ratio, noise, asked, apart, late, ANSWER * late, WINDOW * late)
+
+
 class _StandingSteering:
     """Steering that has not moved since some moment, although its commands from then on asked it to."""
 
-    def __init__(self) -> None:
+    def __init__(self, steering: _Steering) -> None:
+        self._steering = steering
         self._low = self._high = math.nan
         self._unanswered: deque[float] = deque()
         self._least, self._most = math.inf, -math.inf
@@ -59,47 +76,48 @@ class _StandingSteering:
     def step(self, reported: float, asked: float) -> None:
         """Angles at the motor, rad; once a period."""
         self._low, self._high = min(self._low, reported), max(self._high, reported)
-        if not self._high - self._low <= STILL:
+        if not self._high - self._low <= self._steering.still:
             self._low = self._high = reported
             self._unanswered.clear()
             self._least, self._most = math.inf, -math.inf
         self._unanswered.append(asked)
-        if len(self._unanswered) > ANSWER:
+        if len(self._unanswered) > self._steering.answer:
             answered = self._unanswered.popleft()
             self._least, self._most = min(self._least, answered), max(self._most, answered)
 
     @property
     def found(self) -> bool:
         """Whether it stands still against its commands."""
-        return self._most - self._least > ASKED
+        return self._most - self._least > self._steering.asked
 
 
 class FollowingMonitor:
-    """Reported positions within the commands of the last 0.4 s; reports that are invalid say nothing of actuators."""
+    """Reported positions within the commands of the last time; reports that are invalid say nothing of actuators."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._ratio = vehicle.steering_ratio
-        self._commands: deque[ActuatorPositions] = deque(maxlen=WINDOW)
-        self._standing = _StandingSteering()
+    def __init__(self, car: Car) -> None:
+        self._of = _steering(car)
+        self._brakes = PEDALS * car.powertrain.brake_pressure_max
+        self._commands: deque[ActuatorPositions] = deque(maxlen=self._of.window)
+        self._standing = _StandingSteering(self._of)
         self._steering, self._pedals = ConditionTime(), ConditionTime()
 
     def step(self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None) -> Follows:
         """`commanded` is what stands on the wire; None while nothing is sent or the car does not obey."""
         if commanded is None:
             self._commands.clear()
-            self._standing = _StandingSteering()
+            self._standing = _StandingSteering(self._of)
         else:
             self._commands.append(commanded)
-            self._standing.step(state.steer * self._ratio, commanded.steering_motor)
-        full = len(self._commands) == WINDOW
-        motor = state.steer * self._ratio
+            self._standing.step(state.steer * self._of.ratio, commanded.steering_motor)
+        full = len(self._commands) == self._of.window
+        motor = state.steer * self._of.ratio
         steers = full and state.sources["steering"].valid
-        steers = steers and (self._outside(motor, "steering_motor", STEERING) or self._standing.found)
+        steers = steers and (self._outside(motor, "steering_motor", self._of.apart) or self._standing.found)
         pedals = full and state.sources["pedals"].valid
         pedals = pedals and (
-            self._outside(state.brake_front, "brake_front", BRAKES)
-            or self._outside(state.brake_rear, "brake_rear", BRAKES)
-            or self._outside(state.accelerator, "accelerator", ACCELERATOR)
+            self._outside(state.brake_front, "brake_front", self._brakes)
+            or self._outside(state.brake_rear, "brake_rear", self._brakes)
+            or self._outside(state.accelerator, "accelerator", PEDALS)
         )
         return Follows(self._steering.update(steers, now_ns), self._pedals.update(pedals, now_ns))
 
@@ -130,10 +148,10 @@ class ReversedMonitor:
     by the gyro.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._vehicle = vehicle
-        self._reported: deque[float] = deque(maxlen=WINDOW)
-        self._asked: deque[float] = deque(maxlen=WINDOW)
+    def __init__(self, car: Car) -> None:
+        self._vehicle, self._of = car.vehicle, _steering(car)
+        self._reported: deque[float] = deque(maxlen=self._of.window)
+        self._asked: deque[float] = deque(maxlen=self._of.window)
         self.found = False
         """until the car stands"""
 
@@ -149,26 +167,28 @@ class ReversedMonitor:
         self._reported.append(motor)
         side = 1.0 if commanded.steering_motor > 0.0 else -1.0
         if side * motor < 0.0 and speed > JUDGED_FROM and state.sources["imu"].valid:
-            asked = list(self._asked)
-            outside = not min(asked) - STEERING <= motor <= max(asked) + STEERING
-            mirrored = min(asked[-ANSWER:]) - STEERING < -motor < max(asked[-ANSWER:]) + STEERING
+            asked, apart = list(self._asked), self._of.apart
+            newest = asked[-self._of.answer :]
+            outside = not min(asked) - apart <= motor <= max(asked) + apart
+            mirrored = min(newest) - apart < -motor < max(newest) + apart
             turns = -side * state.yaw_rate > TURNS * speed * abs(math.tan(state.steer)) / self._vehicle.wheelbase
-            went = side * (self._reported[0] - motor) > STEERING
+            went = side * (self._reported[0] - motor) > apart
             self.found = self.found or (outside and mirrored and turns and (went or self._moves_against()))
 
     def _moves_against(self) -> bool:
         """Whether it goes to the other side as its command moves, however slowly, and does not only stand there."""
-        asked, reported = np.array(self._asked)[:-LATE], np.array(self._reported)[LATE:]
-        return len(asked) == WINDOW - LATE and asked.std() > STILL and moved_share(reported, asked) < AGAINST
+        late, full = self._of.late, len(self._asked) == self._of.window
+        asked, reported = np.array(self._asked)[:-late], np.array(self._reported)[late:]
+        return full and asked.std() > self._of.still and moved_share(reported, asked) < AGAINST
 
 
 class AccelerationMonitor:
-    """Longitudinal specific force against the force commanded for the last 0.4 s: dead brakes, a stuck throttle, or an
+    """Longitudinal specific force against the force commanded for some time: dead brakes, a stuck throttle, or an
     IMU that says nothing."""
 
-    def __init__(self, vehicle: Vehicle, brake_force_per_pa: float) -> None:
-        self._per_pa = brake_force_per_pa / vehicle.mass
-        self._commands: deque[ActuatorPositions] = deque(maxlen=WINDOW)
+    def __init__(self, car: Car) -> None:
+        self._per_pa = car.powertrain.brake_force_per_pa / car.vehicle.mass
+        self._commands: deque[ActuatorPositions] = deque(maxlen=_steering(car).window)
         self._held = ConditionTime()
 
     def step(self, now_ns: int, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> float:
@@ -177,7 +197,7 @@ class AccelerationMonitor:
             self._commands.clear()
             return self._held.update(False, now_ns)
         self._commands.append(commanded)
-        if len(self._commands) < WINDOW:
+        if len(self._commands) < (self._commands.maxlen or 0):
             return self._held.update(False, now_ns)
         pushed = state.ax > PUSHED and all(c.accelerator == 0.0 for c in self._commands)
         return self._held.update(pushed or self._unbraked(state.ax), now_ns)

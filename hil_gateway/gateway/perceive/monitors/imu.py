@@ -11,6 +11,7 @@ from collections import deque
 from itertools import pairwise
 
 from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
 from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM
 from hil_gateway.settings.gateway import PERIOD_S
@@ -33,8 +34,8 @@ USUAL = 500
 """periods (5 s) over which the usual noise is learnt"""
 HELD_S, MISSED_S = PERIOD_S, 2 * PERIOD_S
 """s; age of a reading that is the one before, and of one after which two were missed: all that changed comes at once"""
-RESOLVED = 5e-4, 7.5e-3, 7.5e-3
-"""rad/s and m/s2 of usual noise, six steps of the report, from which less can be told"""
+RESOLVED = 6.0
+"""steps of the report of usual noise from which less can be told"""
 UNMOVED = 1.5
 """m/s2 that a force steps by at most in sound drives"""
 MIRROR = 0.1
@@ -46,10 +47,13 @@ SCALED = 0.2
 class ImuMonitor:
     """Keeps the newest readings; what it has found holds until the car stands."""
 
-    def __init__(self) -> None:
+    def __init__(self, car: Car) -> None:
+        reports, imu = car.codec.signals.reports, next(iter(car.imus))
         self._readings: deque[tuple[float, float, float]] = deque(maxlen=2 * STEADY)
         """yaw rate, rad/s; lateral and longitudinal specific force, m/s2"""
-        self._noise = tuple(_Noise(resolved) for resolved in RESOLVED)
+        self._noise = tuple(
+            _Noise(RESOLVED * abs(reports[f"imu.{imu}.{name}"].scale)) for name in ("yaw_rate", "ay", "ax")
+        )
         self.found = False
         self.repair: GyroRepair | None = None
         """what makes the gyro right again, where the step tells"""

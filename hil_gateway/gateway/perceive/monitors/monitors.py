@@ -57,12 +57,12 @@ class Monitors:
     """One of each; `measures` gives measure -> seconds it has held."""
 
     def __init__(self, config: Config, track: Track | None) -> None:
-        vehicle = config.vehicle
-        self.motion = MotionReader(vehicle, config.powertrain.brake_force_per_pa)
-        self.position = PositionMonitor()
+        car = config.declared_car
+        self.motion = MotionReader(car)
+        self.position = PositionMonitor(config.placing.noise)
         self._wheels = WheelMonitor(config)
         self._axles = AxleMonitor(config)
-        self._imu = ImuMonitor()
+        self._imu = ImuMonitor(car)
         self._observer = Observer(config)
         self._imu_off, self._wheels_off = ConditionTime(), ConditionTime()
         self._repair: GyroRepair | None = None
@@ -71,9 +71,9 @@ class Monitors:
         self._witness = TurnWitness()
         self._speed_change = SpeedChangeMonitor()
         self._locked = LockedWheels(config)
-        self._following = FollowingMonitor(vehicle)
-        self._reversed = ReversedMonitor(vehicle)
-        self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
+        self._following = FollowingMonitor(car)
+        self._reversed = ReversedMonitor(car)
+        self._acceleration = AccelerationMonitor(car)
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
         self.stopping = False
         """whether the car is being stopped already"""
@@ -85,7 +85,7 @@ class Monitors:
         """whether it alone was silent or implausible during this stop: where it comes back it may be late"""
         self._without_wheels, self._without_imu = ConditionTime(), ConditionTime()
         """a source that is not believed any more stops the car, whatever it says from then on"""
-        self._road = None if track is None else RoadMonitor(track, vehicle.half_width)
+        self._road = None if track is None else RoadMonitor(track, car.vehicle.half_width)
 
     @property
     def fixes_fit(self) -> bool:

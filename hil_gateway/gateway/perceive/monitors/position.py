@@ -11,6 +11,7 @@ import math
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.gateway.perceive.course import apart_at_most
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.motion import Motion
@@ -18,8 +19,6 @@ from hil_gateway.process.clock import NS_PER_S
 
 JUDGED_FROM = 5.0
 """m/s: slower, the way between fixes is no longer than the tolerance"""
-TOLERANCE_M = 0.3
-"""ten standard deviations of the difference of two fixes with 0.02 m each"""
 ACROSS = 0.08
 """of the way: side slip of 0.08 rad, the most the tyres hold, that the reckoned heading leaves out"""
 ALONG = 0.06
@@ -34,8 +33,6 @@ FORGIVEN = 0.25
 """refused fixes an accepted one makes up for: single outliers are forgotten, every second one is not"""
 WRONG = 4.0
 """refused fixes in a row, 0.2 s at 20 Hz"""
-SCATTER_M = 0.3
-"""fifteen standard deviations of a fix (0.02 m); the course of a car that weaves is within 0.15 m of a parabola"""
 SCATTERED_S = 0.45
 """longer than one wild fix is among the eight of a course"""
 SETTLED_S = 0.2
@@ -49,7 +46,9 @@ CONTRADICTED_S = 0.1
 class PositionMonitor:
     """`suspect` from the first fix that does not fit on, `wrong` from the fourth until the car stands."""
 
-    def __init__(self) -> None:
+    def __init__(self, noise: float) -> None:
+        """`noise` of a fix, m."""
+        self._tolerance = apart_at_most(noise)
         self._level = 0.0
         self._seq = 0
         self._last_ns: int | None = None
@@ -77,7 +76,7 @@ class PositionMonitor:
 
     def scattered(self, now_ns: int, scatter_m: float) -> None:
         """The newest fixes lie so far beside one curve."""
-        self._scatters = self._reference is not None and scatter_m > SCATTER_M
+        self._scatters = self._reference is not None and scatter_m > self._tolerance
         held_s = self._scatter.update(self._scatters, now_ns)
         self._note(held_s > SCATTERED_S, "fixes scatter beside their own course")
 
@@ -164,17 +163,17 @@ class PositionMonitor:
         """Go on from an agreeing fix, but not from its lateness: the next one, in time, would lead too far."""
         assert self._reference is not None
         x, y, yaw = self._reference
-        most = TOLERANCE_M + ALONG * self._way_m
+        most = self._tolerance + ALONG * self._way_m
         along = max(-most, min(along, most))
         cos, sin = math.cos(yaw), math.sin(yaw)
         yaw = pose.yaw if self._level <= 0.0 else yaw
         self._reference, self._way_m = (x + cos * along - sin * across, y + sin * along + cos * across, yaw), 0.0
 
     def _agrees(self, along: float, across: float, speed: float) -> bool:
-        longest = TOLERANCE_M + ALONG * self._way_m + JITTER_S * speed
-        if self._way_m > TOLERANCE_M:
+        longest = self._tolerance + ALONG * self._way_m + JITTER_S * speed
+        if self._way_m > self._tolerance:
             self._aside += AVERAGED * (max(-1.0, min(across / self._way_m, 1.0)) - self._aside)
             self._ahead += AVERAGED * (max(-1.0, min(along / self._way_m, 1.0)) - self._ahead)
         if max(abs(self._aside), abs(self._ahead)) > SHARE:
             return False
-        return abs(along) <= longest and abs(across) <= TOLERANCE_M + ACROSS * self._way_m
+        return abs(along) <= longest and abs(across) <= self._tolerance + ACROSS * self._way_m

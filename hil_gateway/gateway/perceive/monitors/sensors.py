@@ -6,6 +6,7 @@ import math
 from collections import deque
 
 from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.motion import RADII_MOST, ROLLING
@@ -15,9 +16,9 @@ JUDGED_FROM = 8.0
 """m/s: slower, differences of wheel speeds are within what parking manoeuvres and clutch make"""
 DRIVEN = 2.0
 """m/s2 by the engine from which the driven wheels' slip shows beside the noise of wheel speeds"""
-DRIVE_SLIP = 0.0015
-"""slip of the driven wheels a m/s2: a quarter of what slicks do (slip stiffness of 25 times the load on the axle that
-carries 58 % of the car: 0.006); racing tyres twice as stiff do twice that"""
+STIFFEST = 100.0
+"""force of the driven wheels over their load a unit of slip: four times that of slicks (25), twice that of stiffer
+racing tyres"""
 ROLLED_S = 0.5
 """s of rolling in which the radii's ratio is learnt"""
 SLIPPED_S = 0.1
@@ -34,6 +35,8 @@ class AxleMonitor:
         self._vehicle = car = config.vehicle
         self._per_drive = config.powertrain.force_per_drive / car.mass
         self._drag = 0.5 * car.air_density * car.drag_area / car.mass
+        self._drive_slip = car.wheelbase / (STIFFEST * GRAVITY * car.lf)
+        """of the driven wheels a m/s2, at least"""
         self._radii = self._slip = 0.0
         """rear over front wheels' speed less 1: rolling, and lately"""
         self._held = ConditionTime()
@@ -49,7 +52,7 @@ class AxleMonitor:
             self._radii += PERIOD_S / ROLLED_S * (min(max(faster, -RADII_MOST), RADII_MOST) - self._radii)
         self._slip += PERIOD_S / (SLIPPED_S + PERIOD_S) * (faster - self._slip)
         pushed = min(driven, state.ax + self._drag * speed**2)
-        swapped = pushed > DRIVEN and self._slip - self._radii < -DRIVE_SLIP * pushed
+        swapped = pushed > DRIVEN and self._slip - self._radii < -self._drive_slip * pushed
         return self._held.update(swapped, now_ns)
 
     def _rear_over_front(self, state: VehicleState) -> float:

@@ -7,6 +7,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM, SPEED_WINDOW
 from hil_gateway.gateway.perceive.motion import POWERED, Motion, wheel_speeds
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.settings.gateway import PERIOD_S
 
 WHEEL_M_S, WHEEL_SHARE = 2.5, 0.15
 """a wheel further from the others than this (and their own differences in the tightest bend: 1.6 m of track at 1 rad/s)
@@ -18,10 +19,10 @@ PEDAL_RATE = 0.3
 INNER = 0.5
 """of the braking that takes all of the declared grip, from which an inner wheel may lock: at the limit of a bend it
 carries less than half of what the outer one does, and is braked as hard. It may stay locked as long as that lasts"""
-JUMP = 6.0
-"""m/s that no wheel slows down by in a period: 6 MPa on a wheel of 1 kg m2 that nothing turns take 5"""
+LIGHTEST = 0.9
+"""kg m2 of a race car's wheel with its disc: full pressure on one that nothing turns slows it down the most"""
 PAUSE_S = 0.1
-"""s without wheel speeds in which a car that brakes with 35 m/s2 is slower by half of that"""
+"""s without wheel speeds after which all of them may have fallen"""
 
 
 class LockedWheels:
@@ -45,6 +46,10 @@ class WheelMonitor:
     """One wheel against the three others, which agree; a slower one that the brakes may have locked is not judged."""
 
     def __init__(self, config: Config) -> None:
+        train, radius = config.powertrain, config.vehicle.wheel_radius
+        torque = 0.5 * train.brake_force_per_pa * train.brake_pressure_max * radius
+        self._jump = torque / LIGHTEST * radius * PERIOD_S
+        """m/s that no wheel slows down by in a period"""
         self._half_track = 0.25 * (config.vehicle.track_front + config.vehicle.track_rear)
         self._locked = LockedWheels(config, INNER)
         self._before: tuple[float, ...] = ()
@@ -74,7 +79,7 @@ class WheelMonitor:
     def _fell(self, state: VehicleState) -> list[bool]:
         """Of every wheel, whether it has slowed down faster than brakes can make it; none in the first period."""
         before, self._before = self._before, wheel_speeds(state)
-        return [last - now > JUMP for last, now in zip(before, self._before, strict=False)]
+        return [last - now > self._jump for last, now in zip(before, self._before, strict=False)]
 
     def _one_apart(self, state: VehicleState, motion: Motion) -> float:
         """By how much one wheel is faster than the others, m/s; 0 while it may be."""

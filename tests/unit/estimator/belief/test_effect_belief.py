@@ -40,7 +40,7 @@ def belief() -> TyreBelief:
 def driven(belief: TyreBelief, truth: np.ndarray, count: int, seed: int) -> None:
     """Corners, drives and brakes at 15 to 75 m/s of a car with parameters `truth`, measured with noise."""
     h = measurement_function(REVISED.model, "imu_yaw", with_effects=True)
-    draw, std = np.random.default_rng(seed), belief.settings.channel_std()
+    draw, std = np.random.default_rng(seed), belief.settings.channel_std(load_car().vehicle.mass)
     unseen = np.zeros(len(REVISED.constants))
     for _ in range(count):
         vx, slip = draw.uniform(15.0, 75.0), draw.uniform(-0.07, 0.07)

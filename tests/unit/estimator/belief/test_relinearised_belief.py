@@ -29,7 +29,7 @@ def laps_below_the_limit(truth: np.ndarray, count: int, seed: int, slip: float =
     signals = np.column_stack([vx, vy, rate, steer, 0.05 * np.sin(k / 90)])
     h = measurement_function(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")), "imu_yaw")
     z = np.array(h(signals.T, AUX[:, None], truth, np.zeros((0, 1)))[0]).T
-    std = BeliefSettings().channel_std()
+    std = BeliefSettings().channel_std(load_car().vehicle.mass)
     # errors of one half second are one error: that is what `correlation_samples` says
     noise = np.repeat(rng.normal(0.0, std / np.sqrt(50.0), (count // 50 + 1, 3)), 50, axis=0)[:count]
     return [Sample(s, SLIP_COVARIANCE, m, AUX) for s, m in zip(signals, z + noise, strict=True)]

@@ -22,7 +22,7 @@ from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.effect import VY_SENSOR
 from estimator.model.effects import catalogue
 from estimator.model.parameters import tyre_prior
-from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
+from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack
 from estimator.offline import fit_and_repair
 from estimator.offline.health import examine
 from estimator.offline.health.lateral_velocity import place_left
@@ -163,7 +163,8 @@ def test_zero_and_scales_of_pedals_are_fitted_where_the_drive_comes_from_them(dr
     command = drive.columns["drive"]
     zero, brake = 0.002, 0.5
     throttle = np.where(command + zero > 0, (command + zero) / 0.1, 0.0)
-    pressure = np.where(command + zero < 0, -(command + zero) / brake / 0.3 * FULL_BRAKE_PA, 0.0)
+    full = load_car().powertrain.brake_pressure_max
+    pressure = np.where(command + zero < 0, -(command + zero) / brake / 0.3 * full, 0.0)
     columns = {n: c for n, c in drive.columns.items() if n != "drive"} | {"throttle": throttle, "brake": pressure}
     segment = np.zeros(len(command), np.int64)
     complete, derived = add_missing_channels(Path("x.csv"), columns, segment)

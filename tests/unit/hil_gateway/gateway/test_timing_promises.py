@@ -97,7 +97,7 @@ def test_an_estimate_is_as_old_as_its_state(age_ms, measures_ms):
     rig = driving()
     state = rig.gateway.builder.build(rig.now_ns, 9, 1, 0)
     latest = Latest(0.05)
-    conditions = Conditions(rig.gateway.builder, TyreReports(rig.gateway.builder), Config().gateway)
+    conditions = Conditions(rig.gateway.builder, TyreReports(rig.gateway.builder), Config())
     latest.put(rig.estimate(rig.now_ns - age_ms * NS_PER_S // 1000), rig.now_ns)
     for later_ms, expected_ms in zip((0, 10), measures_ms, strict=True):
         measures = conditions.measures(

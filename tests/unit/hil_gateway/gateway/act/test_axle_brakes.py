@@ -8,7 +8,7 @@ from support.cars.scripted_car import Rig
 from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.gateway.act.axle_brakes import LEAST_SHARE, PRESS_AGAIN, REAR_SHARE, AxleBrakes, AxleDemand
+from hil_gateway.gateway.act.axle_brakes import LEAST_SHARE, PRESS_AGAIN_S, REAR_SHARE, AxleBrakes, AxleDemand
 from hil_gateway.gateway.perceive.motion import Motion
 
 VEHICLE, TRAIN, GRIP = load_car().vehicle, load_car().powertrain, 1.3
@@ -19,7 +19,7 @@ FLAT = AxleDemand(0.0, flat_front=True, flat_rear=False)
 
 
 def brakes() -> AxleBrakes:
-    return AxleBrakes(VEHICLE, GRIP, TRAIN)
+    return AxleBrakes(load_car(), GRIP)
 
 
 def asked(deceleration: float) -> ActuatorPositions:
@@ -90,7 +90,7 @@ def test_an_axle_whose_wheels_slip_is_let_go_and_pressed_again_where_they_roll(r
     assert getattr(sent, f"brake_{axle}") < 0.1 * at_first
     assert getattr(sent, f"brake_{other}") == car.shared(wanted, FLAT, 30.0)[("front", "rear").index(other)]
     rolling = state.model_copy(update={f"wheel_speed_{wheel}": 30.0 for wheel in ("fl", "fr", "rl", "rr")})
-    for _ in range(1 + int(at_first / PRESS_AGAIN / 0.01)):
+    for _ in range(1 + int(at_first / TRAIN.brake_pressure_max * PRESS_AGAIN_S / 0.01)):
         sent = car.step(wanted, FLAT, rolling, motion)
     assert getattr(sent, f"brake_{axle}") == pytest.approx(at_first)
 

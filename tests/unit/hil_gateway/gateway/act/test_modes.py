@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from support.cars.scripted_car import Rig
 
@@ -101,12 +99,12 @@ def test_an_engine_that_starts_ends_the_test():
 
 @pytest.mark.parametrize("elapsed_s", [-1.0, 0.0, actuator_test.DURATION_S, 1e9])
 def test_at_rest_outside_the_moves(elapsed_s):
-    rest = actuator_test.position(elapsed_s)
+    rest = actuator_test.position(elapsed_s, 4.0)
     assert (rest.steering_motor, rest.accelerator, rest.brake_front, rest.brake_rear) == (0, 0, 0, 0)
 
 
 def test_the_first_move_is_to_the_left():
-    assert actuator_test.position(1.5).steering_motor == pytest.approx(math.radians(30))
+    assert actuator_test.position(1.5, 4.0).steering_motor == pytest.approx(0.5)
 
 
 def test_a_car_that_moves_on_old_commands_is_stopped_by_a_gateway_that_sends_none():

@@ -34,7 +34,7 @@ def slides(track: Track | None, curvature: float, reported: float, asked: float)
     """What is asked of the brakes in 0.3 s at the beginning of the straight, m/s2; the car has driven `curvature` until
     the command moved to `asked`."""
     p = OVAL.at(LONGEST_STRAIGHT)
-    pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(CAR, StopConfig(), track)
+    pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(load_car(), StopConfig(), track)
     motion = moving(SPEED * curvature)
     for tick in range(100):
         stuck.watch(angle(curvature) if tick < 80 else reported, angle(curvature) if tick < 80 else asked, motion)
@@ -76,7 +76,7 @@ def test_steering_whose_report_moves_with_its_command_steers_whatever_its_offset
 ) -> None:
     """The report is 60 ms late; the car turns as it did before the command moved, so its yaw rate decides nothing."""
     unknown = Motion(SPEED, 0.2, SPEED * 0.2, by_gyro=False)
-    stuck, asked = StuckSteering(CAR, StopConfig(), OVAL), [0.02 - 0.0002 * tick for tick in range(100)]
+    stuck, asked = StuckSteering(load_car(), StopConfig(), OVAL), [0.02 - 0.0002 * tick for tick in range(100)]
     for late, angle_now in zip([asked[0]] * 6 + asked, asked, strict=False):
         stuck.watch(asked[0] + share * (late - asked[0]) + offset, angle_now, unknown)
     assert stuck.steers(unknown) is steers
@@ -88,7 +88,7 @@ def test_a_car_that_has_not_turned_yet_with_a_command_that_jumps_goes_on_steerin
     by `more` (rad/s) than its angle means, as on a bank."""
     asked = [angle(BEND)] * 100 + [angle(share * BEND)] * 60
     p = OVAL.at(LONGEST_STRAIGHT)
-    pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(CAR, StopConfig(), OVAL)
+    pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(load_car(), StopConfig(), OVAL)
     yaw_rate, steers, asks = SPEED * BEND + more, False, list[float | None]()
     for tick, asked_now in enumerate(asked):
         if tick > 100:
@@ -105,7 +105,7 @@ def test_a_car_that_has_not_turned_yet_with_a_command_that_jumps_goes_on_steerin
 @pytest.mark.parametrize(("share", "stands"), [(0.0, True), (-1.0, False), (0.7, False)])
 def test_steering_that_moves_does_not_stand_still(share: float, stands: bool) -> None:
     """The car turns by the angle that is reported, which moves by `share` of its command."""
-    stuck = StuckSteering(CAR, StopConfig(), OVAL)
+    stuck = StuckSteering(load_car(), StopConfig(), OVAL)
     for tick in range(120):
         asked = 0.02 - 2e-4 * max(tick - 50, 0)
         reported = 0.02 + share * (asked - 0.02)

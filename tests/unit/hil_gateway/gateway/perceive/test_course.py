@@ -30,7 +30,7 @@ def rig() -> Rig:
 
 def circle(seconds: float, noise: float = 0.02, seed: int = 1, lost_from: float = math.inf) -> Course | None:
     """Course after a circle with fixes at 20 Hz; the newest fix is 20 ms old."""
-    rng, fixes, reader, course = np.random.default_rng(seed), Fixes(), CourseReader(), None
+    rng, fixes, reader, course = np.random.default_rng(seed), Fixes(), CourseReader(0.02), None
     for tick in range(1, round(seconds * 100) + 1):
         t = 0.01 * tick
         if tick % 5 == 3 and t < lost_from:
@@ -155,7 +155,7 @@ def test_side_slip_is_carried_on_as_the_estimates_taught_it(rig):
 
 @pytest.mark.parametrize(("noise", "wrong"), [(0.02, False), (0.06, False), (1.0, True)])
 def test_fixes_that_scatter_are_wrong_within_0_8_s(noise, wrong):
-    rng, fixes, reader, monitor = np.random.default_rng(3), Fixes(), CourseReader(), PositionMonitor()
+    rng, fixes, reader, monitor = np.random.default_rng(3), Fixes(), CourseReader(0.02), PositionMonitor(0.02)
     state = Rig().gateway.builder.build(0, 9, 1, 0)
     for tick in range(1, 130):
         if tick % 5 == 3:
@@ -170,7 +170,7 @@ def test_fixes_that_scatter_are_wrong_within_0_8_s(noise, wrong):
 
 
 def test_one_wild_fix_is_forgiven():
-    fixes, reader, monitor = Fixes(), CourseReader(), PositionMonitor()
+    fixes, reader, monitor = Fixes(), CourseReader(0.02), PositionMonitor(0.02)
     state = Rig().gateway.builder.build(0, 9, 1, 0)
     for tick in range(1, 200):
         if tick % 5 == 3:

@@ -9,6 +9,7 @@ from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
+from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.sensors import SpeedChangeMonitor
@@ -48,7 +49,7 @@ def run(reader: MotionReader, state: VehicleState, seconds: float, start_ns: int
 
 def test_with_nothing_reported_the_speed_falls_by_what_the_brakes_are_asked_for() -> None:
     reader, rolling, braking = (
-        MotionReader(CAR, PER_PA),
+        MotionReader(load_car()),
         ActuatorPositions(0.0, 0.1, 0.0, 0.0, 3),
         6.0 * CAR.mass / PER_PA,
     )
@@ -67,14 +68,14 @@ def test_with_nothing_reported_the_speed_falls_by_what_the_brakes_are_asked_for(
 @pytest.mark.parametrize("speed", [25.0, 60.0])
 def test_with_nothing_reported_the_car_turns_as_its_understeer_has_been_learnt(speed: float) -> None:
     steer = 15.0 / speed**2 * (CAR.wheelbase + UNDERSTEER * speed**2)
-    reader, bend = MotionReader(CAR, PER_PA), ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 3)
+    reader, bend = MotionReader(load_car()), ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 3)
     now_ns = run(reader, driving(speed, steer, sources=True), 6.0, 0, bend)
     run(reader, driving(speed, steer, sources=False), 0.5, now_ns, bend)
     assert reader.motion.yaw_rate == pytest.approx(15.0 / speed, rel=0.06)
 
 
 def test_with_nothing_reported_the_car_turns_a_tenth_of_a_second_after_its_command() -> None:
-    reader, straight = MotionReader(CAR, PER_PA), ActuatorPositions(0.0, 0.1, 0.0, 0.0, 3)
+    reader, straight = MotionReader(load_car()), ActuatorPositions(0.0, 0.1, 0.0, 0.0, 3)
     now_ns = run(reader, driving(30.0, 0.0, sources=True), 1.0, 0, straight)
     turning = straight._replace(steering_motor=CAR.steering_ratio * 0.05)
     now_ns = run(reader, driving(30.0, 0.0, sources=False), 0.09, now_ns, turning)
@@ -85,7 +86,7 @@ def test_with_nothing_reported_the_car_turns_a_tenth_of_a_second_after_its_comma
 
 def test_with_nothing_reported_the_brakes_take_half_of_the_understeer() -> None:
     speed, steer = 60.0, 15.0 / 60.0**2 * (CAR.wheelbase + UNDERSTEER * 60.0**2)
-    reader, half_pa = MotionReader(CAR, PER_PA), 0.5 * 6.0 * CAR.mass / PER_PA
+    reader, half_pa = MotionReader(load_car()), 0.5 * 6.0 * CAR.mass / PER_PA
     rolling = ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
     now_ns = run(reader, driving(speed, steer, sources=True), 6.0, 0, rolling)
     braking = rolling._replace(accelerator=0.0, brake_front=half_pa, brake_rear=half_pa)
@@ -101,7 +102,7 @@ def test_with_nothing_reported_the_car_turns_under_the_brakes_as_it_has_under_th
     turns = driving(speed, steer, sources=True).model_copy(update={"yaw_rate": 8.0 / speed, "ay": 8.0})
     braking = turns.model_copy(update={"brake_front": half_pa, "brake_rear": half_pa})
     asked = ActuatorPositions(CAR.steering_ratio * steer, 0.0, half_pa, half_pa, 4)
-    reader = MotionReader(CAR, PER_PA)
+    reader = MotionReader(load_car())
     now_ns = run(reader, braking, 6.0, 0, asked)
     run(reader, driving(speed, steer, sources=False), 0.5, now_ns, asked)
     slower = reader.motion.speed
@@ -111,7 +112,7 @@ def test_with_nothing_reported_the_car_turns_under_the_brakes_as_it_has_under_th
 
 def test_with_nothing_reported_brakes_do_what_the_imu_has_shown_them_to_do() -> None:
     """A car that is heavier than declared and has weaker brakes: 20 % in a stop from 65 m/s are 30 m."""
-    reader, half_pa = MotionReader(CAR, PER_PA), 0.5 * 8.0 * CAR.mass / PER_PA
+    reader, half_pa = MotionReader(load_car()), 0.5 * 8.0 * CAR.mass / PER_PA
     drag = 0.5 * CAR.air_density * CAR.drag_area / CAR.mass * 40.0**2
     pressed = {"brake_front": half_pa, "brake_rear": half_pa, "ax": -0.8 * 8.0 - drag}
     asked = ActuatorPositions(0.0, 0.0, half_pa, half_pa, 4)
@@ -125,7 +126,7 @@ def test_with_nothing_reported_brakes_do_what_the_imu_has_shown_them_to_do() -> 
 def test_what_a_wrong_imu_has_taught_at_last_is_not_gone_by(wrong: bool) -> None:
     """A gyro that says 0.3 rad/s too much for half a second makes a car that understeers seem to oversteer."""
     speed, steer = 60.0, 15.0 / 60.0**2 * (CAR.wheelbase + UNDERSTEER * 60.0**2)
-    reader, rolling = MotionReader(CAR, PER_PA), ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
+    reader, rolling = MotionReader(load_car()), ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
     bend = driving(speed, steer, sources=True)
     now_ns = run(reader, bend, 6.0, 0, rolling)
     now_ns = run(reader, bend.model_copy(update={"yaw_rate": bend.yaw_rate + 0.3}), 0.5, now_ns, rolling)
@@ -138,7 +139,7 @@ def test_what_a_wrong_imu_has_taught_at_last_is_not_gone_by(wrong: bool) -> None
 def test_without_a_gyro_the_wheels_tell_at_once_half_of_what_the_course_does_not_know_yet(wheels: bool) -> None:
     """A car that begins to slide turns faster, with the steering as it was; the course of the fixes is late."""
     speed = 40.0
-    reader, straight = MotionReader(CAR, PER_PA), driving(speed, 0.0, sources=True)
+    reader, straight = MotionReader(load_car()), driving(speed, 0.0, sources=True)
     reader.believe_imu, course, now_ns = False, Course(0.0, 0.0, 0.0, speed, 0.0, 0.0), 0
     sides = (("fl", -CAR.track_front), ("fr", CAR.track_front), ("rl", -CAR.track_rear), ("rr", CAR.track_rear))
     turning = straight.model_copy(update={f"wheel_speed_{wheel}": speed + 0.5 * 0.3 * track for wheel, track in sides})
@@ -153,7 +154,7 @@ def test_without_a_gyro_the_wheels_tell_at_once_half_of_what_the_course_does_not
 @pytest.mark.parametrize("drive", [0.1, 0.0])
 def test_wheels_that_the_engine_drives_are_not_asked_how_the_car_turns(drive: float) -> None:
     """An inner rear wheel that slips under power by 5 % makes the car turn the other way."""
-    reader, bend = MotionReader(CAR, PER_PA), driving(40.0, -0.03, sources=True)
+    reader, bend = MotionReader(load_car()), driving(40.0, -0.03, sources=True)
     run(reader, bend, 0.5, 0, ActuatorPositions(0.0, 0.0, 0.0, 0.0, 4))
     slips = bend.model_copy(update={"drive": drive, "wheel_speed_rr": bend.wheel_speed_rr + 2.0 * (drive > 0.0)})
     assert reader.wheel_yaw_rate(slips, 40.0) == pytest.approx(bend.yaw_rate, abs=0.02)
@@ -177,7 +178,7 @@ def estimate(speed: float, stamp_ns: int) -> Estimate:
 @pytest.mark.parametrize(("slip", "radii"), [(0.001, 0.0), (0.003, 0.01), (0.005, -0.02)])
 def test_a_stop_goes_by_the_speed_of_the_car_not_of_its_slipping_wheels(slip: float, radii: float) -> None:
     """What estimates taught of rolling and braked wheels; 0.4 % are 1 m in a stop of 300 m."""
-    reader, now_ns = MotionReader(CAR, PER_PA), 0
+    reader, now_ns = MotionReader(load_car()), 0
     for deceleration in (0.0, 8.0):
         state = slipping(50.0, deceleration, slip, radii)
         for _ in range(400):
@@ -191,7 +192,7 @@ def test_a_stop_goes_by_the_speed_of_the_car_not_of_its_slipping_wheels(slip: fl
 
 @pytest.mark.parametrize("steer", [-0.1, 0.1])
 def test_in_a_bend_the_outer_wheels_do_not_make_the_car_faster(steer: float) -> None:
-    reader, state = MotionReader(CAR, PER_PA), driving(20.0, steer, sources=True)
+    reader, state = MotionReader(load_car()), driving(20.0, steer, sources=True)
     run(reader, state, 0.1, 0, ActuatorPositions(0.0, 0.0, 0.0, 0.0, 3))
     assert reader.motion.speed == pytest.approx(20.0, rel=0.004)
 

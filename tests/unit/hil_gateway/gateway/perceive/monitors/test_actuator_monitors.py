@@ -61,7 +61,7 @@ def finds(reported: Motor, turned: Motor, asked: Motor = chicane) -> bool:
     """`reported` and true angle of the motor; the yaw rate is that of a car that understeers by half."""
     rig = Rig()
     rig.run(0.05)
-    state, monitor = rig.gateway.seen[0], ReversedMonitor(CAR)
+    state, monitor = rig.gateway.seen[0], ReversedMonitor(load_car())
     for tick in range(200):
         steer, true = reported(tick) / CAR.steering_ratio, turned(tick) / CAR.steering_ratio
         yaw_rate = 0.5 * SPEED * math.tan(true) / CAR.wheelbase
@@ -115,7 +115,7 @@ def noticed_s(reported: Motor) -> float:
     """Time from when a slow bend begins (10 deg/s at the motor, up to 7 deg) until the steering counts as stuck."""
     rig = Rig()
     rig.run(0.05)
-    state, monitor = rig.gateway.seen[0], FollowingMonitor(CAR)
+    state, monitor = rig.gateway.seen[0], FollowingMonitor(load_car())
     for tick in range(-100, 200):
         commanded = ActuatorPositions(bend(tick), 0.0, 0.0, 0.0, 6)
         steer = round(reported(tick) / STEP_RAD) * STEP_RAD / CAR.steering_ratio

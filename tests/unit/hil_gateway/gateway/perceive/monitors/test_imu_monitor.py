@@ -8,6 +8,7 @@ import pytest
 from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.car import load_car
 from hil_gateway.gateway.perceive.monitors.imu import STEADY, USUAL, WINDOW, ImuMonitor
 
 GYRO_NOISE, FORCE_NOISE = 0.0015, 0.11
@@ -29,7 +30,7 @@ class Drive:
 
     def __init__(self, state: VehicleState) -> None:
         self._state, self._rng = state, random.Random(1)
-        self.monitor = ImuMonitor()
+        self.monitor = ImuMonitor(load_car())
 
     def read(self, turn: float, ay: float, ax: float, noise: float = 1.0, age_s: float = 0.0) -> bool:
         draw = self._rng.gauss

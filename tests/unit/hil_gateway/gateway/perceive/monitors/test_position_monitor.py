@@ -24,7 +24,7 @@ def judged(speed: float, decelerating: float, says: Place, late_s: float = 0.0) 
     rig = Rig()
     rig.run(0.05)
     state, noise = rig.gateway.seen[0], np.random.default_rng(5)
-    monitor, x, seq, coming = PositionMonitor(), 0.0, state.position_seq, deque[tuple[float, float]]()
+    monitor, x, seq, coming = PositionMonitor(0.02), 0.0, state.position_seq, deque[tuple[float, float]]()
     for tick in range(round(SECONDS / PERIOD_S)):
         t = tick * PERIOD_S
         now = max(speed - decelerating * t, 12.0)
