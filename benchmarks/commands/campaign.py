@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from benchmarks.commands.campaign_explore import explore
 from benchmarks.commands.campaign_laps import laps as campaign_laps
 from benchmarks.commands.campaign_places import places
 from benchmarks.commands.campaign_soak import soak
+from benchmarks.commands.options import CORES, AsJson, FirstSeed, LapsOfDrive, Methods, Processes, Scheduler, Track
 from hil_gateway.config import PlannerConfig
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import figure, print_json
@@ -47,22 +47,21 @@ def _group() -> None:
 @app.command()
 def learn(  # noqa: PLR0917  (one argument a flag)
     seeds: Annotated[int, typer.Option(min=2, help="cars, each with other tyres")] = 20,
-    laps: Annotated[int, typer.Option(min=1, help="laps of every drive")] = 1,
+    laps: LapsOfDrive = 1,
     seconds: Annotated[float, typer.Option(min=0, help="end drives after so long, before the laps are done; 0: laps")]
     = 0.0,
-    track: Annotated[str, typer.Option(help="track file or name of a shipped track")] = "",
-    methods: Annotated[str, typer.Option(help="ways of driving, comma-separated; plain is always among them")]
-    = "infomax,plain,prbs,sine",
+    track: Track = "",
+    methods: Methods = "infomax,plain,prbs,sine",
     weight: Annotated[float | None, typer.Option(help="q_I of Eq. (9) for infomax")] = None,
     criterion: Annotated[str | None, typer.Option(help="information criterion: trace | log_det")] = None,
-    first_seed: Annotated[int, typer.Option(min=0, help="number of the first car")] = 0,
+    first_seed: FirstSeed = 0,
     afterwards: Annotated[int, typer.Option(min=0, help="cars that also drive with declared and with learnt model")]
     = 0,
     out: Annotated[Path, typer.Option(help="folder of trials and report; trials in it are not driven again")]
     = Path("campaign-learn"),
-    processes: Annotated[int, typer.Option(min=1, help="drives at a time")] = os.cpu_count() or 1,
-    scheduler: Annotated[str, typer.Option(help="address of a dask scheduler to drive on; empty: this machine")] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="summary as one JSON object")] = False,
+    processes: Processes = CORES,
+    scheduler: Scheduler = "",
+    as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Samples and laps until the tyres are known: infomax against plain and two excited baselines.
 

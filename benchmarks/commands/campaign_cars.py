@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from benchmarks.commands.campaign_laps import TRACKS
+from benchmarks.commands.options import CORES, AsJson, LapsOfDrive, Processes, Scheduler, Tracks
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
@@ -18,16 +18,16 @@ from hil_gateway.process.writable import check_folder
 
 def cars(  # noqa: PLR0917  (one argument a flag)
     cases: Annotated[Path, typer.Option(help='named cars (JSON): {"NAME": CAR FILE, ...}')],
-    laps: Annotated[int, typer.Option(min=1, help="laps of every drive")] = 2,
-    tracks: Annotated[str, typer.Option(help="track files or names of shipped tracks, comma-separated")] = TRACKS,
+    laps: LapsOfDrive = 2,
+    tracks: Tracks = TRACKS,
     first: Annotated[int, typer.Option(min=0, help="number of the first car of the file to drive")] = 0,
     every: Annotated[int, typer.Option(min=1, help="from there, every car (1), every second (2), ...")] = 1,
     deal: Annotated[bool, typer.Option("--deal", help="each car on one of the tracks in turn, not on all")] = False,
-    scheduler: Annotated[str, typer.Option(help="address of a dask scheduler to drive on; empty: this machine")] = "",
-    processes: Annotated[int, typer.Option(min=1, help="drives at a time")] = os.cpu_count() or 1,
+    scheduler: Scheduler = "",
+    processes: Processes = CORES,
     out: Annotated[Path, typer.Option(help="folder of trials; trials in it are not driven again")]
     = Path("campaign-cars"),
-    as_json: Annotated[bool, typer.Option("--json", help="summary as one JSON object")] = False,
+    as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Cars with nothing broken: no stop, no wheel off the road, all laps.
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from benchmarks.commands.options import AsJson
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import print_json
 
@@ -19,7 +20,7 @@ def closed(  # noqa: PLR0917  (one argument a flag)
     track: Annotated[str, typer.Option(help="track file or name of a shipped track; empty: as configured")] = "",
     laps: Annotated[int, typer.Option(min=2, help="laps before and after the diagnosis")] = 2,
     seed: Annotated[int, typer.Option(min=0, help="sensor noise of the first drive")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Drive with the declared model, diagnose, drive with what was found: error and lap time before and after.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from benchmarks.commands.options import CORES, AsJson, Processes
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import lines, print_json
 from hil_gateway.process.writable import check_folder
@@ -25,8 +25,8 @@ def diagnose(  # noqa: PLR0917  (one argument a flag)
     first_seed: Annotated[int, typer.Option(min=0, help="number of the first seed")] = 1,
     out: Annotated[Path, typer.Option(help="folder of cases and report; cases in it are not driven again")]
     = Path("campaign-diagnose"),
-    processes: Annotated[int, typer.Option(min=1, help="drives at a time")] = os.cpu_count() or 1,
-    as_json: Annotated[bool, typer.Option("--json", help="summary as one JSON object")] = False,
+    processes: Processes = CORES,
+    as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Every effect of the simulated car over seeds: what the diagnosis names, as a confusion matrix.
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from benchmarks.commands.options import CORES, AsJson, FirstSeed, LapsOfDrive, Methods, Processes, Scheduler, Track
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
@@ -19,16 +19,15 @@ if TYPE_CHECKING:
 
 def explore(  # noqa: PLR0917  (one argument a flag)
     cars: Annotated[int, typer.Option(min=2, help="random cars, each driven in every way")] = 6,
-    first_seed: Annotated[int, typer.Option(min=0, help="number of the first car")] = 0,
-    laps: Annotated[int, typer.Option(min=1, help="laps of every drive")] = 2,
-    track: Annotated[str, typer.Option(help="track file or name of a shipped track")] = "",
-    methods: Annotated[str, typer.Option(help="ways of driving, comma-separated; plain is always among them")]
-    = "infomax,plain,prbs,sine",
-    scheduler: Annotated[str, typer.Option(help="address of a dask scheduler to drive on; empty: this machine")] = "",
-    processes: Annotated[int, typer.Option(min=1, help="drives at a time")] = os.cpu_count() or 1,
+    first_seed: FirstSeed = 0,
+    laps: LapsOfDrive = 2,
+    track: Track = "",
+    methods: Methods = "infomax,plain,prbs,sine",
+    scheduler: Scheduler = "",
+    processes: Processes = CORES,
     out: Annotated[Path, typer.Option(help="folder of trials; trials in it are not driven again")]
     = Path("campaign-explore"),
-    as_json: Annotated[bool, typer.Option("--json", help="summary as one JSON object")] = False,
+    as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """How soon a car's own limit is known and driven: infomax against plain and two added signals, on realistic cars.
 

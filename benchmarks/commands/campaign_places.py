@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from benchmarks.commands.options import AsJson
 from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.figures import print_json
 
@@ -16,7 +17,7 @@ def places(
     count: Annotated[int, typer.Option("--places", min=1, help="places and headings")] = 1000,
     first_seed: Annotated[int, typer.Option(min=0, help="which row of places is drawn")] = 0,
     tracks: Annotated[str, typer.Option(help="comma-separated; empty: all that are shipped")] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Drive off from anywhere on road and pit lane. Exit 1 where an armed car stands and nothing says why."""
     from rich.console import Console

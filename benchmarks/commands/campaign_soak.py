@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from benchmarks.commands.options import AsJson, Track
 from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.figures import print_json
 
@@ -16,12 +17,12 @@ from hil_gateway.process.figures import print_json
 def soak(  # noqa: PLR0917  (one argument a flag)
     hours: Annotated[float, typer.Option(min=0.01, help="how long")] = 8.0,
     seed: Annotated[int, typer.Option(min=0, help="which row of losses is drawn")] = 0,
-    track: Annotated[str, typer.Option(help="track file or name of a shipped track")] = "",
+    track: Track = "",
     step_clock: Annotated[bool, typer.Option("--step-clock", help="set this computer's clock too, and back (root)")]
     = False,
     out: Annotated[Path, typer.Option(help="folder of recordings and summary; on a small disk that is filled too")]
     = Path("campaign-soak"),
-    as_json: Annotated[bool, typer.Option("--json", help="summary as one JSON object")] = False,
+    as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Lose every process, the computer's sleep, its clock and its disk in turn, with real processes, for a night.
 

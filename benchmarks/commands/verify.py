@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
+from benchmarks.commands.options import AsJson
 from benchmarks.promises import mutation as mutation_run
 from benchmarks.promises.promises import PROMISES, as_json, keep_long, markdown, read_evidence
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
@@ -37,7 +38,7 @@ LONG_RUNS = ROOT / "docs" / "promises-long.json"
 @app.command()
 def verify(  # noqa: PLR0917 (options are passed by name)
     long: Annotated[bool, typer.Option("--long", help="the full figures; takes hours; kept in docs/")] = False,
-    as_json_text: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+    as_json_text: AsJson = False,
     only: Annotated[str, typer.Option("--only", help="promises to run, comma-separated: S1,L1")] = "",
     seed: Annotated[int | None, typer.Option(help="run one seed of the fault simulation")] = None,
     seeds: Annotated[int | None, typer.Option(help="run so many seeds of the fault simulation")] = None,

@@ -224,6 +224,8 @@ def _read(platform: str, codec: Codec) -> Car:
         network_receivers=receivers,
         figures=file.figures,
     )
+    if car.powertrain.force_per_drive != car.tyres.cx:
+        raise PlatformError(f"{file.path}: powertrain.force_per_drive: leave it out, it is tyres.cx")
     if found := car.vehicle.outside_a_race_car():
         raise PlatformError(f"{file.path}: vehicle.{found}")
     return car
@@ -238,6 +240,9 @@ class _File:
         if unknown := sorted(set(self._tree) - set(SECTIONS) - {"name", "imu", "receiver"}):
             known = f"name, {', '.join(SECTIONS)}, imu, receiver"
             raise PlatformError(f"{path}: unknown key {unknown[0]}; known are {known}")
+        train, tyres = self._tree.get("powertrain"), self._tree.get("tyres")
+        if isinstance(train, dict) and isinstance(tyres, dict) and "cx" in tyres:
+            train.setdefault("force_per_drive", tyres["cx"])
 
     def name(self) -> str:
         name = self._tree.get("name")

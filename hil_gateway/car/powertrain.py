@@ -53,7 +53,9 @@ class Powertrain(Model):
         ge=0, le=0.2, description="by which a command may move that share: tyres differ by a fifth"
     )
     brake_pressure_max: Pressure = Field(ge=1.0e6, le=20.0e6, description="Pa")
-    force_per_drive: Force = Field(ge=1e3, le=1e6, description="C_x that turns the command d into a force, N")
+    force_per_drive: Force = Field(
+        ge=1e3, le=1e6, description="C_x of the tyres, which turns the command d into a force, N"
+    )
     traction_max: Force = Field(gt=0, description="largest driving force that is planned, N")
     braking_max: Force = Field(gt=0, description="largest braking force that is planned, N")
 

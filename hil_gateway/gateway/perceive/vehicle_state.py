@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from can_dbc.codec import COUNTER, Codec, Fault, FaultKind
+from can_dbc.quantities import WHEELS
 from hil_gateway.bus.messages import SourceHealth, VehicleState
 from hil_gateway.bus.outside import Navigation
 from hil_gateway.can_link import Frame
@@ -30,6 +32,8 @@ CLOCKS = ("pedals", "steering", "vehicle", "powertrain")
 """Sources whose rolling counter tells the time of the drive-by-wire node."""
 FOREIGN_S = 1.0
 """How long a frame of another computer counts."""
+AS_REPORTED = (*(f"wheel_speed_{wheel}" for wheel in WHEELS), "brake_front", "brake_rear", "engine_speed")
+"""quantities that the state has as the car reports them"""
 MAP_RADIUS = 50e3
 """A position further from the origin is no position of this map, m (receivers report 0, 0 before their first fix)."""
 COUNTER_LEAK_NS = NS_PER_S // 10
@@ -157,15 +161,10 @@ class VehicleStateBuilder:
         newest, imu = self._newest, self._imu
         yaw_rate = newest[imu.yaw_rate]
         ax, ay = imu.place.to_centre(now_ns / NS_PER_S, newest[imu.ax], newest[imu.ay], yaw_rate)
-        accelerator = min(max(newest["accelerator"], 0.0), 1.0)
-        pedals = ActuatorPositions(
-            steering_motor=newest["steering_motor"],
-            accelerator=accelerator,
-            brake_front=newest["brake_front"],
-            brake_rear=newest["brake_rear"],
-            gear=int(newest["gear"]),
-        )
-        engine_speed, stamp_ns = newest["engine_speed"], self._stamp(now_ns)
+        accelerator, gear = min(max(newest["accelerator"], 0.0), 1.0), int(newest["gear"])
+        as_reported: dict[str, Any] = {name: newest[name] for name in AS_REPORTED}
+        brakes = newest["brake_front"], newest["brake_rear"]
+        pedals, stamp_ns = ActuatorPositions(newest["steering_motor"], accelerator, *brakes, gear), self._stamp(now_ns)
         self._take_from_network(stamp_ns, ax, yaw_rate)
         self._seq += 1
         return VehicleState(
@@ -180,19 +179,12 @@ class VehicleStateBuilder:
             az=newest[imu.az],
             yaw_rate=yaw_rate,
             roll_rate=newest[imu.roll_rate],
-            wheel_speed_fl=newest["wheel_speed_fl"],
-            wheel_speed_fr=newest["wheel_speed_fr"],
-            wheel_speed_rl=newest["wheel_speed_rl"],
-            wheel_speed_rr=newest["wheel_speed_rr"],
             steer=self._actuation.to_steer(pedals.steering_motor),
             steer_rate=self._actuation.to_steer(self._steering_rate.of(newest, now_ns)),
-            accelerator=pedals.accelerator,
+            accelerator=accelerator,
             throttle=newest.get("throttle", accelerator),
-            brake_front=pedals.brake_front,
-            brake_rear=pedals.brake_rear,
-            drive=self._actuation.to_drive(pedals, engine_speed, pedals.gear),
-            gear=pedals.gear,
-            engine_speed=engine_speed,
+            drive=self._actuation.to_drive(pedals, newest["engine_speed"], gear),
+            gear=gear,
             position_x=self.fixes.x,
             position_y=self.fixes.y,
             position_seq=self.fixes.seq,
@@ -201,6 +193,7 @@ class VehicleStateBuilder:
             ct_state=ct_state,
             track_flag=track_flag,
             vehicle_flag=vehicle_flag,
+            **as_reported,
         )
 
     def _healths(self, now_ns: int) -> dict[str, SourceHealth]:
