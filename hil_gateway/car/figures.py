@@ -91,6 +91,8 @@ def _converted(figure: Figure, model: type[BaseModel], key: str, path: Path, sec
     if given is None or given.si != UNITS[wanted].si:
         fitting = ", ".join(unit for unit, known in UNITS.items() if known.si == UNITS[wanted].si and unit)
         raise PlatformError(f"{path}: {section}.{key}: unit {figure.unit!r}: it is given in {fitting}")
+    if figure.value == 0.0 and isinstance(figure.std, str) and figure.std != EXACT:
+        raise PlatformError(f"{path}: {section}.{key}: std = {figure.std} of 0 is none: give it in {figure.unit}")
     factor = given.factor / UNITS[wanted].factor
     values = tuple(x * factor for x in figure.value) if isinstance(figure.value, tuple) else figure.value * factor
     return Figure.model_construct(value=values, unit=wanted, std=figure.std_of(factor), source=figure.source)

@@ -28,6 +28,9 @@ def fitted(parameters: PlantParameters, platform: Car) -> PlantParameters:
         gears=platform.powertrain.gears,
         final_drive=platform.powertrain.final_drive,
         steer_delay=parameters.steer_delay * _ratio(acts.steering_delay, own_acts.steering_delay),
+        pressure_max=parameters.pressure_max
+        * platform.powertrain.brake_pressure_max
+        / own.powertrain.brake_pressure_max,
         brake_delay=parameters.brake_delay * _ratio(acts.brake_delay, own_acts.brake_delay),
     )
 
@@ -42,8 +45,9 @@ def _car(car: CarParameters, platform: Car, own: Car) -> CarParameters:
     front, own_front = _ratio(v.lift_area_front, lift), _ratio(w.lift_area_front, own_lift)
     brakes = train.brake_force_per_pa * v.wheel_radius / (own_train.brake_force_per_pa * w.wheel_radius)
     share = train.brake_share_front / own_train.brake_share_front
+    revs = train.engine_rpm[-1] / own_train.engine_rpm[-1]
     torque = tuple(
-        t * train.engine_torque_at(at) / own_train.engine_torque_at(at)
+        t * train.engine_torque_at(revs * at) / own_train.engine_torque_at(at)
         for t, at in zip(car.engine_torque, ENGINE_SPEEDS, strict=True)
     )
     tyres, own_tyres = platform.tyres, own.tyres
@@ -67,6 +71,8 @@ def _car(car: CarParameters, platform: Car, own: Car) -> CarParameters:
         df=car.df * tyres.df / own_tyres.df,
         dr=car.dr * tyres.dr / own_tyres.dr,
         engine_torque=torque,
+        engine_speed_scale=car.engine_speed_scale * revs,
+        engine_clutch=car.engine_clutch * train.clutch_rpm / own_train.clutch_rpm,
         engine_drag=car.engine_drag * _ratio(train.drag_torque, own_train.drag_torque),
         brake_gain_front=car.brake_gain_front * brakes * share,
         brake_gain_rear=car.brake_gain_rear * brakes * (2.0 - share),

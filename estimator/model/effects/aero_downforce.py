@@ -11,8 +11,8 @@ from hil_gateway.process.arrays import Expr
 
 def _declare(car: Car) -> tuple[DeclaredParameter, ...]:
     def of_axle(key: str) -> DeclaredParameter:
-        k = -0.5 * car.vehicle.air_density * float(getattr(car.vehicle, key))
-        return DeclaredParameter(k, car.relative_std(f"vehicle.{key}") * k)
+        pressed = 0.5 * car.vehicle.air_density
+        return DeclaredParameter(-pressed * float(getattr(car.vehicle, key)), pressed * car.std(f"vehicle.{key}"))
 
     return of_axle("lift_area_front"), of_axle("lift_area_rear")
 

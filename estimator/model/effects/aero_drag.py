@@ -12,8 +12,8 @@ from hil_gateway.process.arrays import Expr
 
 
 def _declare(car: Car) -> tuple[DeclaredParameter, ...]:
-    k = 0.5 * car.vehicle.air_density * car.vehicle.drag_area
-    return (DeclaredParameter(k, car.relative_std("vehicle.drag_area") * k),)
+    pressed = 0.5 * car.vehicle.air_density
+    return (DeclaredParameter(pressed * car.vehicle.drag_area, pressed * car.std("vehicle.drag_area")),)
 
 
 def _longitudinal(terms: Terms, k: Expr) -> None:

@@ -19,7 +19,7 @@ from hil_gateway.process.arrays import Expr
 
 
 def _declare(car: Car) -> tuple[DeclaredParameter, ...]:
-    return (DeclaredParameter(car.vehicle.cg_height, car.relative_std("vehicle.cg_height") * car.vehicle.cg_height),)
+    return (DeclaredParameter(car.vehicle.cg_height, car.std("vehicle.cg_height")),)
 
 
 def _load(terms: Terms, height: Expr) -> None:

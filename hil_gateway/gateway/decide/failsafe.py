@@ -75,7 +75,7 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(
         "foreign_emergency",
-        "another computer reports ct_state 12",
+        "another computer reports an emergency",
         "foreign_emergency",
         0.0,
         _EMERGENCY,
@@ -93,7 +93,7 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(
         "car_emergency",
-        "the car reports an emergency (sys_state 16 or 18)",
+        "the car reports an emergency",
         "car_emergency",
         0.0,
         _EMERGENCY,
@@ -145,7 +145,7 @@ TABLE: tuple[Row, ...] = (
     Row("heartbeat_frozen", "race control's heartbeat stands still", "heartbeat_frozen", 0.5, _STOP, Clear.REARM),
     Row("track_flag_stop", "red or checkered flag from race control", "track_flag_stop", 0.0, _STOP, Clear.REARM),
     Row("vehicle_flag_stop", "black or stop flag from race control", "vehicle_flag_stop", 0.0, _STOP, Clear.REARM),
-    Row("car_not_driving", "the car is not in sys_state driving (9)", "car_not_driving", 0.0, _STOP, Clear.REARM),
+    Row("car_not_driving", "the car does not say that it is driving", "car_not_driving", 0.0, _STOP, Clear.REARM),
     Row(
         "engine_running",
         "the engine runs, and gateway.mode is actuator_test",
@@ -154,7 +154,7 @@ TABLE: tuple[Row, ...] = (
         _STOP,
         Clear.REARM,
     ),
-    Row("car_failure", "the car reports a system failure (0x53E)", "car_failure", 0.0, _STOP, Clear.REARM),
+    Row("car_failure", "the car reports a failure (`failures` of its signals.toml)", "car_failure", 0.0, _STOP, Clear.REARM),
     Row("mode_switch_off", "the mode switch at the car is off", "mode_switch_off", 0.0, _STOP, Clear.REARM),
     Row("safety_switch", "a safety switch at the car is set", "safety_switch", 0.0, _STOP, Clear.REARM),
     Row("supply_low", "the battery is nearly empty: is it charged?", "supply_low", 1.0, _STOP, Clear.REARM),

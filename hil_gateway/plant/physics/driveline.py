@@ -25,9 +25,9 @@ LIMITER = 50.0
 """rad/s above the last point of the map within which the limiter takes the torque away"""
 
 
-def full_throttle_torque(speed: Expr, torques: list[Expr]) -> Expr:
-    """Engine map, linear between its points, constant before and cut off after, N m."""
-    total = torques[0]
+def full_throttle_torque(at: Expr, torques: list[Expr], scale: Expr = 1.0) -> Expr:
+    """Engine map at a speed, linear between its points, constant before, cut off after, N m; `scale` of its speeds."""
+    total, speed = torques[0], at / scale
     for i in range(len(ENGINE_SPEEDS) - 1):
         low, high = ENGINE_SPEEDS[i], ENGINE_SPEEDS[i + 1]
         slope = (torques[i + 1] - torques[i]) / (high - low)
@@ -46,7 +46,7 @@ def axle_torque(p: Any, throttle: Expr, speed: Expr, ratio: Expr, running: Expr)
     With the throttle closed fuel is cut, and the engine drags once the clutch grips.
     """
     turning = ca.fmin(ca.fmax(speed / p.engine_clutch - 1.0, 0.0) * 4.0, 1.0)
-    drive = running * throttle * full_throttle_torque(speed, p.engine_torque)
+    drive = running * throttle * full_throttle_torque(speed, p.engine_torque, p.engine_speed_scale)
     closed = 0.5 * (1.0 - ca.tanh((throttle - CLOSED) / CLOSED_WIDTH))
     drag = p.engine_drag * p.wheel_radius * closed * turning
     return ratio * p.driveline_efficiency * drive - ca.fmin(ratio, 1.0) * drag

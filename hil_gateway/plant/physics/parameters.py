@@ -14,8 +14,6 @@ ENGINE_SPEEDS = tuple(rpm * RPM for rpm in (1500.0, 2500.0, 3500.0, 4500.0, 5500
 """where the engine map has its points, rad/s"""
 PAPER_BRAKES = 0.5 * 1.8e-3
 """N at an axle per Pa in both circuits, of the car that is nearly that of Eq. 1-3"""
-PRESSURE_MAX = 6.0e6
-"""Pa of the brakes of the car"""
 
 
 @dataclass(frozen=True)
@@ -89,6 +87,8 @@ class CarParameters:
     # powertrain
     engine_torque: tuple[float, ...] = (310.0, 450.0, 545.0, 580.0, 578.0, 563.0, 505.0, 380.0)
     """full throttle at `ENGINE_SPEEDS`, N m (473 hp at 6110 rpm and driveline losses of 2 %)"""
+    engine_speed_scale: float = 1.0
+    """of those speeds"""
     engine_clutch: float = 2000.0 * RPM
     """the clutch slips below this engine speed, rad/s"""
     engine_drag: float = 600.0
@@ -201,6 +201,8 @@ class PlantParameters:
     """s without drive torque"""
     steer_delay: float = 0.04
     brake_delay: float = 0.04
+    pressure_max: float = 6.0e6
+    """of its brakes, Pa"""
     throttle_delay: float = 0.02
     steer_late: float = 0.0
     """true road-wheel angle behind the reported one, s"""

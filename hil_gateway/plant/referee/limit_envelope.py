@@ -22,7 +22,7 @@ from scipy.interpolate import RegularGridInterpolator
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant.physics import chassis, driveline
 from hil_gateway.plant.physics.dynamics import INPUTS, OUTPUTS, STATES, rates_function
-from hil_gateway.plant.physics.parameters import AV24, PRESSURE_MAX, CarParameters, PlantParameters
+from hil_gateway.plant.physics.parameters import AV24, CarParameters, PlantParameters
 from hil_gateway.plant.physics.tyre import LOW_SPEED
 from hil_gateway.process.arrays import Array
 
@@ -149,7 +149,7 @@ def best_ratio(parameters: PlantParameters, speed: float) -> float:
 
     def force(ratio: float) -> float:
         turns = max(axle * ratio, car.engine_clutch)
-        return ratio * float(driveline.full_throttle_torque(turns, list(car.engine_torque)))
+        return ratio * float(driveline.full_throttle_torque(turns, list(car.engine_torque), car.engine_speed_scale))
 
     return max((gear * parameters.final_drive for gear in parameters.gears), key=force)
 
@@ -226,7 +226,7 @@ class Side:
         against the engine into a yaw moment, which nothing that drives does.
         """
         throttle, brakes = (0.0, 1.0) if direction[0] < 0 else (1.0, 0.0)
-        pressure = brakes * PRESSURE_MAX / Scales().brake_front
+        pressure = brakes * self._parameters.pressure_max / Scales().brake_front
         slips = [SLIP_MAX / Scales().slip_fl] * 4
         steer = self._parameters.car.steer_max / Scales().steer
         top = np.array([0.25 * held[0], steer, *slips, throttle, pressure, pressure, 8, 8])

@@ -15,7 +15,7 @@ from benchmarks.driving.laps import drive
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant.car import Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar
-from hil_gateway.plant.physics.parameters import AV24, PRESSURE_MAX
+from hil_gateway.plant.physics.parameters import AV24
 from hil_gateway.plant.physics.road import Slopes
 from hil_gateway.plant.referee import limit_envelope, limit_line
 from hil_gateway.plant.referee.lap_limit import lap_limit
@@ -127,7 +127,7 @@ def test_full_braking_of_the_plant_is_never_stronger_than_its_limit(envelope: Li
     line = Line(2.0, PLAIN, PLAIN, PLAIN, Slopes(PLAIN, PLAIN, PLAIN))
     most = -np.interp(50.0, np.linspace(9.0, 80.0, 143), reach(line, envelope, AV24.car).fall[0])
     best = 0.0
-    for pressure in np.linspace(1.5e6, PRESSURE_MAX, 12):
+    for pressure in np.linspace(1.5e6, AV24.pressure_max, 12):
         car = Car(AV24, _flat(tmp_path), speed=56.0)
         while car["vx"] > 50.0:
             car.step(Commands(brake_front=float(pressure), brake_rear=float(0.85 * pressure), gear=5), True)
