@@ -154,7 +154,7 @@ TABLE: tuple[Row, ...] = (
         _STOP,
         Clear.REARM,
     ),
-    Row("car_failure", "the car reports a failure (`failures` of its signals.toml)", "car_failure", 0.0, _STOP, Clear.REARM),
+    Row("car_failure", "the car reports a failure of its own", "car_failure", 0.0, _STOP, Clear.REARM),
     Row("mode_switch_off", "the mode switch at the car is off", "mode_switch_off", 0.0, _STOP, Clear.REARM),
     Row("safety_switch", "a safety switch at the car is set", "safety_switch", 0.0, _STOP, Clear.REARM),
     Row("supply_low", "the battery is nearly empty: is it charged?", "supply_low", 1.0, _STOP, Clear.REARM),
