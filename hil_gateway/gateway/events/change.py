@@ -20,6 +20,7 @@ from hil_gateway.car.states import (
     VehicleFlag,
 )
 from hil_gateway.gateway.check.arming import EXPLANATION
+from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.decide.decision import STOPS
 from hil_gateway.gateway.decide.failsafe import ROWS, Failsafe, Inputs, missing_for_arming
 
@@ -62,6 +63,27 @@ class Seen(NamedTuple):
     """who sends commands without it"""
     cause: str = ""
     """behind a stop, or behind an emergency while no drive commands are sent"""
+
+    @classmethod
+    def of(cls, now_ns: int, gateway: Gateway, bus_state: str) -> Seen | None:
+        """None before its first period."""
+        if gateway.seen is None:
+            return None
+        state, inputs = gateway.seen
+        return cls(
+            failsafe=gateway.failsafe,
+            ct_state=gateway.decision.race_control.ct_state,
+            sys_state=state.sys_state,
+            track_flag=state.track_flag,
+            vehicle_flag=state.vehicle_flag,
+            bus_state=bus_state,
+            inputs=inputs,
+            why=gateway.why,
+            second_computer=gateway.builder.foreign_reports(now_ns),
+            command_source=gateway.inbox.command_source,
+            second_source=gateway.inbox.second_source,
+            cause=gateway.decision.cause,
+        )
 
 
 def changes(before: Seen, after: Seen) -> Iterator[Change]:

@@ -38,16 +38,9 @@ class EventLog:
     def step(self, now_ns: int, gateway: Gateway, bus_state: str = "error_active") -> None:
         """Publish and write down what is different since the last call."""
         found: list[Change] = []
-        inbox = gateway.inbox
-        if gateway.seen is not None:
-            state, inputs = gateway.seen
-            seen = Seen(
-                gateway.failsafe, gateway.decision.race_control.ct_state, state.sys_state, state.track_flag,
-                state.vehicle_flag, bus_state, inputs, gateway.why, gateway.builder.foreign_reports(now_ns),
-                inbox.command_source, inbox.second_source, gateway.decision.cause,
-            )  # fmt: skip
+        if (seen := Seen.of(now_ns, gateway, bus_state)) is not None:
             found, self._seen = list(changes(self._seen, seen)), seen
-        for change in chain(found, self._others.step(now_ns, inbox.plan)):
+        for change in chain(found, self._others.step(now_ns, gateway.inbox.plan)):
             self._publish(now_ns, change)
 
     def _publish(self, now_ns: int, change: Change) -> None:
