@@ -19,36 +19,26 @@ from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
+from planner.fresh_plans import COLD_DISTANCE, FreshPlans, distance
 from planner.line.joining import Joining
 from planner.line.line_publisher import LinePublisher
 from planner.line.pit_route import PitRoutes
 from planner.line.track import Reference
-from planner.plan.checks import PlanCheck
 from planner.plan.fallback import StopPlanner, Trajectory, shifted, stop_plan
 from planner.plan.first_metres import WayLeft, straight_ahead
 from planner.plan.from_rest import STILL, WALKING, Following, Unmoved, is_off, moves_off
 from planner.plan.prediction import ActuatorModel, Car, PredictedMoment, Sent, credible, predict
 from planner.plan.publishing import PlanDecision, Publisher, Stamps, within
-from planner.problem.load_limits import LoadLimits, SustainedLoad, starting_limits, store_limits
+from planner.problem.load_limits import LoadLimits, starting_limits, store_limits
 from planner.problem.motion import DRIVE, PROGRESS, VX, S
 from planner.problem.settings import settings_of
 from planner.run.desk import RunDesk
 from planner.run.expansion import Expansion
 from planner.run.progress import Progress
-from planner.solver.sqp import Solution, Stopwatch
+from planner.solver.sqp import Stopwatch
 
 MAX_SHIFT_S = 0.4
 """a shifted plan is used for this long at most; then the car is stopped"""
-EXTRA = (1.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
-"""share of q_I kept in each SQP iteration more for a plan that is not accepted or loads a tyre beyond `OVERLOAD`: where
-tyres are near their peak, full steps go to and fro, and half steps need some"""
-TIMID, BOLDER = 0.5, 0.025
-"""share of q_I: times the one where a tyre already is at more than `OVERLOAD` of its limit, so that the car slides more
-than was planned; plus the other after every other plan"""
-OVERLOAD = 1.02
-COLD_GAP_S = 0.3
-COLD_DISTANCE = 5.0
-"""a state this far (m) from the plan, or a guess this old, starts the solver afresh: the car has been moved"""
 BRAKE_SHARE = 0.6
 """of the rear load limit a stop plan uses for braking; the rest is left for cornering"""
 
@@ -74,18 +64,16 @@ class Planner:
         self._applied = bus.subscribe(topics.APPLIED, depth=50)
         self._actuators = ActuatorModel(config.car.actuators)
         self._plan: Trajectory | None = None
-        self._guess_start_ns: int | None = None
-        self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
+        self._seq = 0
         self._estimates_before = 0
         """that had come when a plan was prepared"""
-        self._check = PlanCheck(self.settings)
+        self.fresh = FreshPlans(p, self.settings, self.adoption, stopwatch)
         clearance = self.adoption.controller.clearance
         ways = self._track, config.vehicle.wheelbase, self.settings.limits, clearance
         lane = None if track.pit_lane is None else PitRoutes(*ways)
         self._following = Following(Joining(*ways), lane)
         self._unmoved = Unmoved()
         self._newest_applied: Applied | None = None
-        self._held = (SustainedLoad(p.dt), SustainedLoad(p.dt))
         self._teller = LinePublisher(bus)
         ours = agreement(config, track)
         self._publish = Publisher(config, bus, self._actuators, self.settings, ours)
@@ -145,9 +133,7 @@ class Planner:
     def _carry_on(self, now_ns: int) -> None:
         """What was sent since the last plan, and a guess that is as old as that plan an interval on."""
         self._record(self._applied.poll(now_ns), now_ns)
-        if self._guess_start_ns is not None and self._guess_start_ns == self._fresh_ns:
-            self.adoption.controller.prepare()
-            self._guess_start_ns += round(self.settings.dt * NS_PER_S)
+        self.fresh.carry_on()
 
     def _adopt(self, now_ns: int) -> None:
         """What is believed of the car, after a plan, when there is time."""
@@ -224,12 +210,12 @@ class Planner:
         base = self._run.reference(self._following.path(self._base, last, in_lane, coming), last)
         reference = self._following.reference(base, last)
         s = reference.project(x, y, last) if near else reference.find(x, y, last)
-        going = near and self._guess_start_ns is not None and speed > STILL
+        going = near and self.fresh.guess_start_ns is not None and speed > STILL
         if speed < WALKING and not going and is_off(reference, s, (x, y, yaw)):
             # a standing car turns its wheels before it moves
             self._following.begin(base, (x, y, yaw), then.steer if speed > STILL else 0.0)
             reference = self._following.reference(base, s)
-            self._guess_start_ns = None  # a guess beside another path is none
+            self.fresh.guess_start_ns = None  # a guess beside another path is none
         self.adoption.controller.reference = reference
         return reference.project(x, y, s)
 
@@ -244,17 +230,19 @@ class Planner:
         """A fresh plan if there is one, else the last one shifted, else a stop plan; None before the first estimate."""
         reason = "no valid estimate"
         if z0 is not None and (why := self._halts(z0)):
-            self._guess_start_ns, self._fresh_ns = None, 0  # what is planned after it begins afresh
+            self.fresh.forget()  # what is planned after it begins afresh
             plan = stop_plan(z0, start_ns, self.settings.horizon, self._stopping())
             return PlanDecision(plan, PlanStatus.STOP, why)
         if z0 is not None and not self._following.hindrance:
-            solved = self._solve(z0, start_ns, started)
+            estimate = self._estimate.latest.message
+            assert estimate is not None
+            solved = self.fresh.solve(z0, start_ns, started, self._expected(start_ns), estimate)
             self.adoption.judge(isinstance(solved, PlanDecision))
             if isinstance(solved, PlanDecision):
                 return solved
             reason = solved
         elif z0 is not None:
-            self._fresh_ns, reason = 0, self._following.hindrance  # no plan of before leads on from here
+            self.fresh.solved_ns, reason = 0, self._following.hindrance  # no plan of before leads on from here
         return self._fall_back(z0, start_ns, reason)
 
     def _halts(self, z0: Array) -> str:
@@ -275,7 +263,7 @@ class Planner:
         base, stopping = self.adoption.current.reference, self._stopping()
         s = base.find(e.x, e.y, 0.0 if self._plan is None else float(self._plan.z[S, 0]))
         way = WayLeft.of(e, self._track, self.settings.limits.car_half_width, self.settings.sigma_level)
-        self._guess_start_ns, self._fresh_ns = None, 0  # what is planned as soon as it is known begins afresh
+        self.fresh.forget()  # what is planned as soon as it is known begins afresh
         plan = straight_ahead(e, s, way, start_ns, self.settings.horizon, stopping)
         shows = moves_off(plan.z, self.settings.dt)
         reason = "the first metres show where the car points" if shows else way.reason
@@ -291,86 +279,13 @@ class Planner:
             reason = self._unmoved.update(now_ns, self._newest_applied, speed)
         return replace(decision, status=PlanStatus.NOT_MOVING, reason=reason) if reason else decision
 
-    def _solve(self, z0: Array, start_ns: int, started: int) -> PlanDecision | str:
-        """Fresh plan, or the reason there is none."""
-        controller = self.adoption.controller
-        if self._is_cold(z0, start_ns):
-            solution = controller.cold_start(z0, self._stopwatch)
-        else:
-            for _ in range(self._intervals_since(start_ns)):
-                controller.shift()
-            solution = controller.solve(z0, self._stopwatch, explore=self._boldness)
-        found = self._judge(solution)
-        for number, kept in enumerate(EXTRA):
-            # another iteration straightens out a far stage beyond a curved limit; where exploring led there, less of it
-            if not (found or self._overreaches()) or not solution.usable or self._late(started):
-                break
-            self._boldness *= kept
-            if number > 0:
-                controller.sqp.halve_step()
-            solution = controller.solve(z0, self._stopwatch, 1, explore=self._boldness)
-            found = self._judge(solution)
-        self._guess_start_ns = start_ns if solution.usable else None
-        if found:
-            return found
-        if self._late(started):
-            return f"solver: later than {1e3 * self._config.planner.deadline_s:.0f} ms"
-        self._fresh_ns = start_ns
-        self._note_loads()
-        overloaded = max(self._check.first_loads) > OVERLOAD
-        self._boldness = TIMID * self._boldness if overloaded else min(1.0, self._boldness + BOLDER)
-        return PlanDecision(
-            Trajectory(solution.z, solution.du, start_ns), PlanStatus.SOLVED, gain=float(solution.information.sum())
-        )
-
-    def _judge(self, solution: Solution) -> str:
-        """Why a solution must not be published; empty when it may."""
-        if not solution.usable:
-            return f"solver: {solution.status.value}"
-        found = self._check(self.adoption.controller, self.adoption.current.revised, solution)
-        return f"not accepted: {'; '.join(found)}" if found else ""
-
-    def _overreaches(self) -> bool:
-        """Whether a plan that could explore less uses what acceptance leaves for disturbances."""
-        return self._boldness > 0.0 and self._check.worst_load > max(OVERLOAD, *self._check.first_loads)
-
-    def _late(self, started: int) -> bool:
-        return (self._stopwatch() - started) / NS_PER_S > self._config.planner.deadline_s
-
-    def _note_loads(self) -> None:
-        limits, most = self.adoption.controller.knowledge.load_max, 1.0 / self._config.planner.load_use
-        # across alone: a start from rest says nothing of bends; the share of a sliding tyre goes on beyond its
-        # peak, what it bears does not
-        front, rear = (min(share, most) * limit for share, limit in zip(self._check.first_across, limits, strict=True))
-        estimate = self._estimate.latest.message
-        assert estimate is not None
-        for held, load in zip(self._held, self.adoption.carried((front, rear), estimate), strict=True):
-            held.push(load)
-        before = self.adoption.sustained
-        self.adoption.sustained = LoadLimits(
-            max(before.front, self._held[0].value), max(before.rear, self._held[1].value)
-        )  # fmt: skip
-
-    def _intervals_since(self, start_ns: int) -> int:
-        assert self._guess_start_ns is not None
-        return max(0, round((start_ns - self._guess_start_ns) / (self.settings.dt * NS_PER_S)))
-
-    def _is_cold(self, z0: Array, start_ns: int) -> bool:
-        if self._guess_start_ns is None or start_ns - self._guess_start_ns > COLD_GAP_S * NS_PER_S:
-            return True
-        # at rest under the brakes the motion has no slope over the drive command: a guess that stands says nothing
-        if z0[VX] < STANDSTILL and not moves_off(self.adoption.controller.sqp.z, self.settings.dt):
-            return True
-        expected = self._expected(start_ns)
-        return expected is None or _distance(expected, z0) > COLD_DISTANCE
-
     def _fall_back(self, z0: Array | None, start_ns: int, reason: str) -> PlanDecision | None:
         """The last plan shifted while its solution is young and fits the state, then a stop plan."""
         stopping, rest = self._stopping(), None
         if self._plan is not None:
             ahead_s = (start_ns - self._plan.start_ns) / NS_PER_S
             rest = shifted(self._plan, max(0, round(ahead_s / self.settings.dt)), stopping)
-        if rest is not None and start_ns - self._fresh_ns <= MAX_SHIFT_S * NS_PER_S and _fits(rest, z0):
+        if rest is not None and start_ns - self.fresh.solved_ns <= MAX_SHIFT_S * NS_PER_S and _fits(rest, z0):
             return PlanDecision(rest, PlanStatus.SHIFTED, reason)
         if z0 is None and self._plan is not None:
             z0 = self._plan.z[:, -1] if rest is None else rest.z[:, 0]
@@ -403,9 +318,4 @@ def _declared_road(config: Config, track: Track) -> Track:
 
 def _fits(plan: Trajectory, z0: Array | None) -> bool:
     """Whether a plan starts near the state, as far as that is known."""
-    return z0 is None or _distance(plan.z[:, 0], z0) < COLD_DISTANCE
-
-
-def _distance(a: Array, b: Array) -> float:
-    """Between the places of two states (NZ,), m."""
-    return math.hypot(a[0] - b[0], a[1] - b[1])
+    return z0 is None or distance(plan.z[:, 0], z0) < COLD_DISTANCE

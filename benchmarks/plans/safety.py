@@ -124,8 +124,8 @@ class Watched(Planner):
         if plan is not None:
             self._watch.progress.append((now_ns / NS_PER_S, plan.s[0]))
         if plan is not None and plan.status is PlanStatus.SOLVED:
-            front, rear = self._check.first_loads
+            front, rear = self.fresh.check.first_loads
             self._watch.front.append(front)
             self._watch.rear.append(rear)
-            self._watch.gain.append(self._check.first_gain)
+            self._watch.gain.append(self.fresh.check.first_gain)
         return plan

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from estimator.belief.tyre_belief import PLAUSIBLE, Sample
+from estimator.belief.tyre_belief import PLAUSIBLE, BeliefSettings, Sample
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
 from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import VehicleState
@@ -41,15 +41,11 @@ CONFIRMED = 3
 """samples on end beyond it before wheels are said to lock: one is noise"""
 
 
-LEAST_SPEED = 8.0
-"""m/s, as the belief's gate: slower, slips are noise"""
-
-
 def wheel_slips(state: VehicleState, vx: float) -> tuple[float, float]:
     """Slip of front and rear wheels against the road, 1 at standstill of the wheels; `vx` m/s."""
     front = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
     rear = 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
-    return 1.0 - front / max(vx, LEAST_SPEED), 1.0 - rear / max(vx, LEAST_SPEED)
+    return 1.0 - front / max(vx, BeliefSettings.min_speed), 1.0 - rear / max(vx, BeliefSettings.min_speed)
 
 
 class _Row(NamedTuple):
@@ -80,7 +76,7 @@ class Delivery:
 
     def push(self, sample: Sample, theta: Array, slips: tuple[float, float]) -> None:
         """Take in one sample of kind `imu_yaw` with the tyre parameters now believed; `slips` as `wheel_slips`."""
-        slow = sample.signals[0] < LEAST_SPEED
+        slow = sample.signals[0] < BeliefSettings.min_speed
         if slow or not all(abs(value) < PLAUSIBLE for value in (*sample.z.tolist(), *sample.signals.tolist())):
             self.clear()
             return

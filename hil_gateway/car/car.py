@@ -36,8 +36,8 @@ class Actuators(Model):
     brake_bandwidth: Annotated[float, In("Hz")] = Field(gt=0)
     force_delay: Seconds = Field(ge=0, le=0.3, description="force after reported pedal and pressure")
     speed_max: Annotated[float, In("m/s")] = Field(ge=5, le=150, description="fastest that is planned")
-    supply_voltage_min: Annotated[float, In("V")] = Field(
-        default=0.0, ge=0, description="least with which steering and brakes work for a stop; 0: not judged"
+    supply_voltage_min: Annotated[float | None, In("V")] = Field(
+        default=None, ge=0, description="least with which steering and brakes work for a stop; not given: not judged"
     )
 
     @property

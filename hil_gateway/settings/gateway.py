@@ -73,6 +73,19 @@ ROUNDED = 1e-9
 """share by which a rate may pass its bound: units are converted"""
 
 
+CAUTION_DECELERATION = 3.0
+"""m/s2 under yellow and towards a pit lane: mild for the cars behind, and any tyre holds it beside cornering"""
+LEAST_SHARE = 0.3
+"""of its grip that is braked with at least, however large the lateral force: in a banked bend tyres bear more, and
+steering alone holds a car no better"""
+
+
+def beside(across: float, most: float) -> float:
+    """What the friction circle leaves along the wheels of a force `most` beside one across them (W. F. Milliken and
+    D. L. Milliken, Race Car Vehicle Dynamics, 1995, ch. 2)."""
+    return math.sqrt(max(most**2 - across**2, (LEAST_SHARE * most) ** 2))
+
+
 class StopConfig(Model):
     """How hard the gateway brakes by itself."""
 

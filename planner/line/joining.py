@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from hil_gateway.gateway.perceive.monitors.road import ACROSS
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 from planner.line.detour import Detour, aside, detour, opening, steered
@@ -40,8 +41,6 @@ BEYOND = 0.05
 """m a way may lead further beyond the edge than the car stands: less than a map knows"""
 CUT = 0.1
 """m to either side that a plan may keep beside a way, however near an edge is: what acceptance tolerates"""
-MOST_ACROSS = math.radians(60.0)
-"""angle to the road beyond which a car is no longer one that follows it"""
 
 Pose = tuple[float, float, float]
 """x, y (m) and yaw (rad) in the map"""
@@ -98,7 +97,7 @@ class Joining:
         """From `pose` with the wheels turned by `steer` (rad); or why there is no way, in words."""
         s = base.find(pose[0], pose[1])
         offset, across = offset_and_angle(base, s, pose)
-        if abs(across) > MOST_ACROSS:
+        if abs(across) > ACROSS:
             return f"the car points {math.degrees(abs(across)):.0f} degrees across the track: turn it"
         way = self._gentlest(base, _Start(s, offset, across, math.tan(steer) / self._wheelbase))
         if (short := way.beyond(self._limits.car_half_width)) > BEYOND:

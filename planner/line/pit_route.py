@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from hil_gateway.process.arrays import Array
+from hil_gateway.settings.gateway import CAUTION_DECELERATION
 from hil_gateway.track.track import Box, Room, Track
 from planner.line.detour import GENTLE, Detour, Index, aside, detour, opening, steered
 from planner.line.joining import BEYOND
@@ -20,8 +21,6 @@ from planner.line.raceline import OptimisedLine
 from planner.line.track import Reference
 from planner.problem.settings import PlanLimits
 
-BRAKING = 3.0
-"""m/s2 towards the lane: as under yellow, mild for the cars behind"""
 TURNING = (4.0, 3.0, 2.0, 1.5, 1.0)
 """times the way on which lane and road touch: over so much the car goes from one to the other, by the longest that
 keeps to both"""
@@ -145,7 +144,7 @@ class PitRoutes:
         (begin, end), cells = self._lane.limit, 2.0 * float(np.max(way.step))
         limited = (begin - cells <= course.along) & (course.along <= end + cells)
         fastest = np.where(limited, np.minimum(way.fastest, self._lane.speed), way.fastest)
-        return replace(way, fastest=fastest, braking=BRAKING)
+        return replace(way, fastest=fastest, braking=CAUTION_DECELERATION)
 
 
 def _bridged(s: Array, before: Array, after: Array, ends: tuple[float, float]) -> Array:

@@ -12,21 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.gateway.act.stopping import LOOK_AHEAD_MIN
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.arrays import Array
+from hil_gateway.settings.gateway import beside
 from planner.line.track import Reference
 from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, YAW_RATE, S
 from planner.problem.settings import PlanLimits
 
 PREVIEW_S = 0.5
-MIN_PREVIEW = 6.0
-"""m"""
 BEND_SHARE = 0.8
 """of the squared speed the profile allows at a point ahead: pursuit cuts and overshoots a bend, a plan does not"""
 BEND_PREVIEW = np.arange(5.0, 200.0, 5.0)
 """m ahead at which the profile is looked at: more than the car needs from top speed to any bend"""
-LEAST_BRAKING = 0.3
-"""of the grip that is used for braking even in a bend at the limit, where steering alone holds the car no better"""
 
 
 @dataclass(frozen=True)
@@ -91,11 +89,11 @@ class StopPlanner:
     def _grip_left(self, z: Array) -> float:
         """Deceleration the friction circle leaves beside the present lateral acceleration, m/s2."""
         grip = self.grip * (GRAVITY + self.vehicle.downforce(float(z[VX])) / self.vehicle.mass)
-        return float(np.sqrt(max(grip**2 - (z[VX] * z[YAW_RATE]) ** 2, (LEAST_BRAKING * grip) ** 2)))
+        return beside(float(z[VX] * z[YAW_RATE]), float(grip))
 
     def _pursuit(self, z: Array) -> float:
         """Steering angle of pure pursuit (Coulter, 1992), rad."""
-        ahead = self.reference.at(np.array([z[S] + max(MIN_PREVIEW, PREVIEW_S * float(z[VX]))]))
+        ahead = self.reference.at(np.array([z[S] + max(LOOK_AHEAD_MIN, PREVIEW_S * float(z[VX]))]))
         dx, dy = float(ahead.x[0] - z[0]), float(ahead.y[0] - z[1])
         lateral = np.cos(z[2]) * dy - np.sin(z[2]) * dx
         angle = np.arctan(2 * self.vehicle.wheelbase * lateral / max(dx**2 + dy**2, 1.0))

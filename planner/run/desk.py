@@ -13,8 +13,9 @@ from hil_gateway.bus.track_day.race_control import MOST_SPEED
 from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, RunStatus
 from hil_gateway.car.states import VehicleFlag
 from hil_gateway.process.arrays import Array
+from hil_gateway.settings.gateway import CAUTION_DECELERATION
 from hil_gateway.track.track import Track
-from planner.line.pit_route import BRAKING, PitRoute, PitRoutes
+from planner.line.pit_route import PitRoute, PitRoutes
 from planner.line.raceline import OptimisedLine
 from planner.line.track import Reference
 from planner.run.expansion import Caps
@@ -164,5 +165,5 @@ def capped(line: OptimisedLine, cap: float, stop_s: float | None) -> Array:
     if stop_s is not None:
         ahead = (stop_s - line.s) % line.length
         ahead[ahead > SHOWN_AHEAD * line.length] = 0.0  # behind the place: no plan may see an end of the braking
-        speeds = np.minimum(speeds, np.sqrt(CREEP**2 + 2.0 * BRAKING * np.maximum(ahead - CREEP_M, 0.0)))
+        speeds = np.minimum(speeds, np.sqrt(CREEP**2 + 2.0 * CAUTION_DECELERATION * np.maximum(ahead - CREEP_M, 0.0)))
     return speeds

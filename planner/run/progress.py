@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, cap_of
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
-from planner.line.pit_route import BRAKING
+from hil_gateway.settings.gateway import CAUTION_DECELERATION
 from planner.run.expansion import FREE, Caps, Expansion
 
 CREEP, CREEP_M = 1.5, 2.0
@@ -124,7 +124,7 @@ class Progress:
         if self._fuel_is_low(s):
             self.come_in("in lap: fuel for two laps is left")
         if self.phase is RunPhase.IN_LAP and not self._aborted and self.stop_s is None:
-            way = speed**2 / (2.0 * BRAKING) + max(NEAR_M, self._way_in)
+            way = speed**2 / (2.0 * CAUTION_DECELERATION) + max(NEAR_M, self._way_in)
             self.stop_s = s + way + (self._place - s - way) % self.length
         if self.phase is RunPhase.IN_LAP and speed < STANDSTILL and self._there(s):
             self._finish()

@@ -15,7 +15,7 @@ from hil_gateway.bus import topics
 from hil_gateway.bus.messages import ActiveEffect, Belief, PlanStatus
 from planner.adoption.adoption import PROBATION_FAILURES, implausible
 from planner.adoption.usable_grip import PROFILE_SHARE
-from planner.node import BOLDER
+from planner.fresh_plans import BOLDER
 from planner.plan.checks import PlanCheck
 from planner.plan.controller import Controller
 from planner.plan.exploring import EXPLORING
@@ -206,16 +206,16 @@ def test_executed_tyre_loads_stay_within_their_limits() -> None:
 def test_exploring_grows_timid_where_plans_are_not_accepted_and_bold_again(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = ModelCar(planner_config(**EXPLORING))
     rig.run(3.0)
-    bold = rig.planner._boldness
+    bold = rig.planner.fresh.boldness
     assert bold > 0.25, "exploring"
-    refusals, judge = iter(["not accepted: load"] * 3), rig.planner._judge
-    monkeypatch.setattr(rig.planner, "_judge", lambda solution: next(refusals, "") or judge(solution))
+    refusals, judge = iter(["not accepted: load"] * 3), rig.planner.fresh._judge
+    monkeypatch.setattr(rig.planner.fresh, "_judge", lambda solution: next(refusals, "") or judge(solution))
     rig.run(0.05)
-    timid = rig.planner._boldness
+    timid = rig.planner.fresh.boldness
     assert timid <= 0.5 * bold + BOLDER + 1e-9
     assert rig.plans[-1].status is PlanStatus.SOLVED, "a plan that explores less is still a fresh one"
     rig.run(1.0)
-    assert rig.planner._boldness > timid + 0.1
+    assert rig.planner.fresh.boldness > timid + 0.1
 
 
 class LoadedCheck(PlanCheck):
@@ -238,7 +238,7 @@ def test_a_plan_that_explores_beyond_the_load_limit_is_solved_again_and_explores
     """Acceptance would let 1.04 pass: that is for disturbances. A car already beyond its limit is led back instead."""
     rig = ModelCar(planner_config(**EXPLORING))
     check = LoadedCheck(rig.planner.settings)
-    monkeypatch.setattr(rig.planner, "_check", check)
+    monkeypatch.setattr(rig.planner.fresh, "check", check)
     rig.run(3.0)
     controller, shares = rig.planner.adoption.controller, list[float]()
     solve = controller.solve
@@ -258,7 +258,7 @@ def test_a_plan_that_explores_beyond_the_load_limit_is_solved_again_and_explores
 def test_exploring_that_keeps_overreaching_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = ModelCar(planner_config(**EXPLORING))
     rig.run(3.0)
-    monkeypatch.setattr(rig.planner, "_overreaches", lambda: rig.planner._boldness > 0.0)
+    monkeypatch.setattr(rig.planner.fresh, "_overreaches", lambda: rig.planner.fresh.boldness > 0.0)
     rig.run(0.05)
-    assert rig.planner._boldness <= BOLDER
+    assert rig.planner.fresh.boldness <= BOLDER
     assert rig.plans[-1].status is PlanStatus.SOLVED

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from estimator.belief.revision import RevisedModel, model_of
+from estimator.belief.tyre_belief import BeliefSettings
 from estimator.model.extra_load import extra_loads
 from estimator.model.single_track import AUXILIARY, SIGNALS, Terms
 from estimator.offline.record.map_road import projected
@@ -37,8 +38,6 @@ LONGEST_STEP_S = 0.06
 """a longer one is a gap, over which no window reaches"""
 LEARNT_SHARE = 2.0 / 3.0
 """part of the session a revision may have learnt from; the rest is held out"""
-MIN_SPEED = 8.0
-"""m/s; slower, slip angles say little"""
 MIN_WINDOWS = 10
 STATES = ("vx", "vy", "yaw_rate", "yaw", "x", "y")
 
@@ -90,7 +89,7 @@ def score_revisions(
 
 def _split(columns: Mapping[str, Array]) -> float:
     """Time before which `LEARNT_SHARE` of the driving lies, s."""
-    driving = columns["t"][columns["vx"] > MIN_SPEED]
+    driving = columns["t"][columns["vx"] > BeliefSettings.min_speed]
     return float(driving[int(LEARNT_SHARE * len(driving))]) if len(driving) else 0.0
 
 
@@ -121,11 +120,11 @@ def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track)
     starts = np.arange(int(np.searchsorted(t, split_s)), len(t) - length, spacing)
     rows = starts + np.arange(length + 1)[:, None]
     whole = np.diff(t[rows], axis=0).max(axis=0, initial=0.0) < LONGEST_STEP_S
-    rows = rows[:, whole & (columns["vx"][rows].min(axis=0, initial=np.inf) > MIN_SPEED)]
+    rows = rows[:, whole & (columns["vx"][rows].min(axis=0, initial=np.inf) > BeliefSettings.min_speed)]
     if rows.shape[1] < MIN_WINDOWS:
         raise InputError(
-            f"only {rows.shape[1]} windows of {HORIZON_S:g} s above {MIN_SPEED:g} m/s in the part that is held out:"
-            f" at least {MIN_WINDOWS} are needed for a score; drive longer"
+            f"only {rows.shape[1]} windows of {HORIZON_S:g} s above {BeliefSettings.min_speed:g} m/s in the part that"
+            f" is held out: at least {MIN_WINDOWS} are needed for a score; drive longer"
         )
     return HeldOutWindows({name: column[rows] for name, column in signals.items()}, np.diff(t[rows], axis=0))
 

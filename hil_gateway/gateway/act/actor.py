@@ -25,12 +25,11 @@ from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.settings.gateway import CAUTION_DECELERATION
 from hil_gateway.track.track import Track
 
 CAUTION_S = 2.0
 """time constant with which the car approaches the caution speed"""
-CAUTION_DECELERATION = 3.0
-"""m/s2: mild for the cars behind, and any tyre holds it beside cornering"""
 
 HARD = ("tyre_flat", "position_wrong", "position_lost")
 """causes for which a controlled stop brakes as an emergency does: with less grip every bend ahead is too fast, and the

@@ -13,7 +13,6 @@ every brake is needed, and the rear tyres count with all of the declared grip.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -23,16 +22,13 @@ from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.perceive.monitors.actuators import PEDALS
 from hil_gateway.gateway.perceive.motion import Motion
-from hil_gateway.settings.gateway import PERIOD_S
+from hil_gateway.settings.gateway import LEAST_SHARE, PERIOD_S, beside
 
 REAR_SHARE = 0.8
 """of the declared grip the rear tyres are reckoned with: tyres differ by a fifth"""
 FRONT_SHARE = 0.9
 """of what they leave beside the lateral force the front tyres brake with at most where the rear brakes are weak: with
 all of it they do not turn the car"""
-LEAST_SHARE = 0.3
-"""of its grip an axle is braked with at least, however large the lateral force, as the whole car is: in a banked bend
-tyres bear more"""
 SLIPS = (0.08, 0.06)
 """slip of the faster wheel, front and rear, beyond which an axle is let go: racing tyres give most at 0.1, and without
 lateral force"""
@@ -139,8 +135,8 @@ class AxleBrakes:
         rear = share * grip * (car.static_load_rear - car.lift_area_rear * pressed - moved)
         across = demand.lateral / GRAVITY
         left_front, left_rear = (
-            _friction_circle_rest(across * car.static_load_front, front),
-            _friction_circle_rest(across * car.static_load_rear, rear),
+            beside(across * car.static_load_front, front),
+            beside(across * car.static_load_rear, rear),
         )
         return left_front, max(left_rear - demand.engine_drag, 0.0)
 
@@ -159,8 +155,3 @@ class AxleBrakes:
                 self._held[axle] = max(share * min(self._held[axle], pressure), PRESSED)
             else:
                 self._held[axle] = min(self._held[axle] + self._most / PRESS_AGAIN_S * PERIOD_S, self._most)
-
-
-def _friction_circle_rest(across: float, most: float) -> float:
-    """What is left along the wheels of `most` beside a force across them, at least `LEAST_SHARE` of it, N."""
-    return math.sqrt(max(most**2 - across**2, (LEAST_SHARE * most) ** 2))

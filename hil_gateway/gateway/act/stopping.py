@@ -20,7 +20,7 @@ from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, plan_pat
 from hil_gateway.gateway.perceive.dead_reckoning import SLIP_FROM, Pose
 from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
 from hil_gateway.process.arrays import Array
-from hil_gateway.settings.gateway import StopConfig
+from hil_gateway.settings.gateway import StopConfig, beside
 from hil_gateway.track.track import Track
 
 LOOK_AHEAD_S = 0.4
@@ -198,8 +198,7 @@ class Stopping:
         That of the way counts, too: front tyres that are braked past their grip turn the car less, and by the force
         that is left it would seem to need none.
         """
-        grip = self._grip_at(speed)
-        return math.sqrt(max(grip**2 - lateral**2, (0.3 * grip) ** 2))
+        return beside(lateral, self._grip_at(speed))
 
     def _grip_at(self, speed: float) -> float:
         """Specific force that the tyres make, m/s2."""

@@ -22,7 +22,7 @@ from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.monitors.actuators import moved_share
 from hil_gateway.gateway.perceive.motion import UNDERSTEER, UNDERSTEER_MOST, Motion, periods_late
 from hil_gateway.process.arrays import Array
-from hil_gateway.settings.gateway import PERIOD_S, StopConfig
+from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
 from hil_gateway.track.track import Track
 
 STEP_S = 0.1
@@ -32,8 +32,6 @@ SLIDING = 0.8
 """of the grip that tyres have when they slide on dry asphalt"""
 LOCKING = 1.5
 """times the grip that brakes ask for to lock every wheel"""
-ROLLING_SHARE = 0.3
-"""of the grip at least that is braked with beside a lateral force"""
 BETTER_M = 0.5
 """that sliding must keep further inside than rolling on: error of both reckonings"""
 CLEAR_M = 1.0
@@ -157,8 +155,7 @@ class StuckSteering:
             return math.tan(steer) / (length + understeer * speed**2)
 
         def left(speed: float) -> float:
-            grip, lateral = self._grip(speed), arc(speed) * speed**2
-            return math.sqrt(max(grip**2 - lateral**2, (ROLLING_SHARE * grip) ** 2))
+            return beside(arc(speed) * speed**2, self._grip(speed))
 
         return _Way(lambda speed: 0.0, lambda speed: SLIDING * self._grip(speed)), _Way(arc, left)
 

@@ -63,7 +63,7 @@ class Conditions:
         self._testing = self._mode == "actuator_test"
         self._sends = self._mode in ("armed", "actuator_test")
         self._holds = config.gateway.hold and self._mode == "armed"
-        self._supply_min = config.car.actuators.supply_voltage_min
+        self._supply_min = config.car.actuators.supply_voltage_min or 0.0
         self._began_ns: int | None = None
         self._state_invalid, self._estimate_invalid = ConditionTime(), ConditionTime()
         self._supply_low, self._stalled, self._black_flag = ConditionTime(), ConditionTime(), ConditionTime()

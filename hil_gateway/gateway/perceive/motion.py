@@ -60,8 +60,6 @@ TURNED_S = 0.04
 WHEELS_SHARE = 0.5
 """of what the wheels say of a change, beside the steering: where brakes press, inner wheels slip and show up to twice
 the turn; in a slide the steering shows less than there is, or the other way"""
-TURNED_MOST = 30.0
-"""m/s2 of lateral force: wheels whose difference means more have locked"""
 LEAST_AHEAD = 0.8
 """front over rear axle's speed: with 0.3 rad of steering 0.96 and more; less is a wrong yaw rate"""
 LONGEST_S = 0.1
@@ -122,7 +120,9 @@ class MotionReader:
         self._per_pa = car.powertrain.brake_force_per_pa / vehicle.mass
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
         fastest, self._turns_in_s = car.actuators.speed_max, car.turns_in_s
-        self._slowing_most = MOST_GRIP * vehicle.pressed(fastest) + self._drag * fastest**2
+        self._turning_most = MOST_GRIP * vehicle.pressed(fastest)
+        """m/s2 of lateral force: wheels whose difference means more have locked"""
+        self._slowing_most = self._turning_most + self._drag * fastest**2
         self._lately, self._under_brakes = (
             FadingRatio(UNDERSTEER_LEARNT, UNDERSTEER, 1.0),
             FadingRatio(UNDERSTEER_LEARNT),
@@ -343,7 +343,7 @@ class MotionReader:
         if not wheels:
             self._turned.clear()
             return
-        most = TURNED_MOST / max(speed, LEARNING_FROM)
+        most = self._turning_most / max(speed, LEARNING_FROM)
         now = min(max(0.5 * (self._front_difference(state) + self._rear_difference(state)), -most), most)
         before = self._turned[-1] if self._turned else now
         self._turned.append(before + dt / (dt + TURNED_S) * (now - before))

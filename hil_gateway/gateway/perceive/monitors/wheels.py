@@ -5,7 +5,7 @@ from __future__ import annotations
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM, SPEED_WINDOW
-from hil_gateway.gateway.perceive.motion import POWERED, Motion, wheel_speeds
+from hil_gateway.gateway.perceive.motion import LONGEST_S, POWERED, Motion, wheel_speeds
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_S
 
@@ -21,8 +21,6 @@ INNER = 0.5
 carries less than half of what the outer one does, and is braked as hard. It may stay locked as long as that lasts"""
 LIGHTEST = 0.9
 """kg m2 of a race car's wheel with its disc: full pressure on one that nothing turns slows it down the most"""
-PAUSE_S = 0.1
-"""s without wheel speeds after which all of them may have fallen"""
 
 
 class LockedWheels:
@@ -62,10 +60,10 @@ class WheelMonitor:
 
     def step(self, now_ns: int, state: VehicleState, motion: Motion) -> float:
         """Seconds one wheel has disagreed."""
-        dt = 0.0 if self._last_ns is None else min((now_ns - self._last_ns) / NS_PER_S, PAUSE_S)
+        dt = 0.0 if self._last_ns is None else min((now_ns - self._last_ns) / NS_PER_S, LONGEST_S)
         self._last_ns = now_ns
         locked, apart = self._locked.step(state, motion.speed), self._one_apart(state, motion)
-        fell = [fell and dt < PAUSE_S for fell in self._fell(state)]
+        fell = [fell and dt < LONGEST_S for fell in self._fell(state)]
         self.all_fell = len(fell) > 0 and all(fell)
         self._jumped = apart != 0.0 and (self._jumped or any(fell))
         if apart == 0.0:

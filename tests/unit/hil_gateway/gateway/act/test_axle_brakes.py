@@ -8,8 +8,9 @@ from support.cars.scripted_car import Rig
 from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.gateway.act.axle_brakes import LEAST_SHARE, PRESS_AGAIN_S, REAR_SHARE, AxleBrakes, AxleDemand
+from hil_gateway.gateway.act.axle_brakes import PRESS_AGAIN_S, REAR_SHARE, AxleBrakes, AxleDemand
 from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.settings.gateway import LEAST_SHARE
 
 VEHICLE, TRAIN, GRIP = load_car().vehicle, load_car().powertrain, 1.3
 DRAG = 500.0
