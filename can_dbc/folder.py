@@ -116,6 +116,9 @@ def _explain(error: ValidationError, model: type[BaseModel], prefix: str) -> str
             return f"{key + ': ' if key else ''}{first['ctx']['error']}"
         case "missing":
             return f"{key} is missing"
+        case "model_type" if not first["loc"]:
+            fields = ", ".join(f"{name} = ..." for name in model.model_fields)
+            return f"{key} = {first['input']!r}: it is written as {{ {fields} }}"
         case "extra_forbidden":
             known = ", ".join(model.model_fields) if len(first["loc"]) == 1 else ""
             return f"unknown key {key}" + (f"; known are {known}" if known else "")

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from hil_gateway.car.car import Car, load_car
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
 
 PERIOD_S = 0.01
@@ -63,6 +64,9 @@ class LimitConfig(Model):
         low, high = bounds
         given: float | None = getattr(self, key)
         rate = high if given is None else given * unit
+        if given is None and rate < low:
+            unsteered = "slower, the car is not steered or stopped"
+            raise ValueError(f"actuators.{key} of car.toml is {rate / unit:g}, {low / unit:g} are needed: {unsteered}")
         if not low * (1 - ROUNDED) <= rate <= high * (1 + ROUNDED):
             raise ValueError(f"gateway.limits.{key} = {rate / unit:g}: between {low / unit:g} and {high / unit:g}")
         return rate
@@ -75,6 +79,8 @@ ROUNDED = 1e-9
 
 CAUTION_DECELERATION = 3.0
 """m/s2 under yellow and towards a pit lane: mild for the cars behind, and any tyre holds it beside cornering"""
+LEAST_BRAKES = 3.0
+"""m/s2 that the brakes give: a stop from 60 m/s takes 600 m with it"""
 LEAST_SHARE = 0.3
 """of its grip that is braked with at least, however large the lateral force: in a banked bend tyres bear more, and
 steering alone holds a car no better"""
@@ -90,9 +96,11 @@ class StopConfig(Model):
     """How hard the gateway brakes by itself."""
 
     controlled_deceleration: float = Field(
-        default=6.0, ge=3, le=30, description="m/s2; below 3 a stop from 60 m/s takes more than 600 m"
+        default=6.0, ge=LEAST_BRAKES, le=30, description="m/s2; below 3 a stop from 60 m/s takes more than 600 m"
     )
-    emergency_deceleration: float = Field(default=12.0, ge=3, le=30, description="m/s2 on a straight at low speed")
+    emergency_deceleration: float = Field(
+        default=12.0, ge=LEAST_BRAKES, le=30, description="m/s2 on a straight at low speed"
+    )
     lateral_grip: float = Field(
         default_factory=lambda: load_car().tyres.grip, ge=0.3, le=4,
         description="lateral specific force the tyres hold, g; not given: the car's",
@@ -119,6 +127,8 @@ def stop_of(car: Car) -> dict[str, float]:
     """What the settings of a stop are for a car where nothing else is given: no harder than its brakes can."""
     train, weight = car.powertrain, car.vehicle.mass * GRAVITY
     brakes, usual = train.hardest_braking / car.vehicle.mass, StopConfig.model_fields
+    if brakes < LEAST_BRAKES:
+        raise InputError(f"{car.platform}: car.toml: the brakes give {brakes:.2g} m/s2, {LEAST_BRAKES:g} are needed")
     return {
         "lateral_grip": car.tyres.grip,
         "hold_pressure": min(0.5 * weight / train.brake_force_per_pa, train.brake_pressure_max),

@@ -10,10 +10,11 @@ import pytest
 from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import SingleTrack
 from hil_gateway.car.car import load_car
+from hil_gateway.settings.gateway import CAUTION_DECELERATION
 from hil_gateway.track.loading import load_track, shipped_tracks
 from hil_gateway.track.track import Box, Track
 from planner.line.envelope import envelope_of
-from planner.line.pit_route import BRAKING, PitRoutes
+from planner.line.pit_route import PitRoutes
 from planner.line.raceline import centre_line
 from planner.line.track import Reference
 from planner.problem.settings import declared_settings
@@ -64,7 +65,7 @@ def test_elsewhere_it_is_the_race_line_braked_for_gently() -> None:
         np.testing.assert_allclose(getattr(route.reference.at(s), name), getattr(base.at(s), name), atol=1e-3)
     assert [route.holds(at) for at in (route.begin - 1.0, route.place - base.length, route.end + 1.0)] == [0, 1, 0]
     v = route.reference.speed_limit(s)
-    assert (np.diff(v**2) / 2.0 > -BRAKING - 0.2).all()
+    assert (np.diff(v**2) / 2.0 > -CAUTION_DECELERATION - 0.2).all()
     assert (v <= base.speed_limit(s) + 1e-9).all()
 
 

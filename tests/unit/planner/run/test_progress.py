@@ -6,7 +6,7 @@ import pytest
 
 from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, read_run
 from hil_gateway.process.errors import InputError
-from planner.line.pit_route import BRAKING
+from hil_gateway.settings.gateway import CAUTION_DECELERATION
 from planner.run.expansion import FIRST, FREE, Caps, Expansion
 from planner.run.progress import Progress
 
@@ -32,7 +32,7 @@ class Drive:
             self.run.advance(self.s, self.speed)
             halts = self.run.halts(self.s, self.speed, BRAKES)
             ahead = (self.run.stop_s or 1e9) - self.s
-            most = min(40.0, (2 * BRAKING * max(ahead, 0.0)) ** 0.5 + 1.0)
+            most = min(40.0, (2 * CAUTION_DECELERATION * max(ahead, 0.0)) ** 0.5 + 1.0)
             self.speed = max(self.speed - 0.05 * BRAKES, 0.0) if halts else min(self.speed + 0.3, most)
             self.s += 0.05 * self.speed
             if not seen or seen[-1] != (self.run.phase, self.run.lap):
