@@ -74,6 +74,10 @@ class Vehicle(Model):
         """Gravity and downforce over the mass at `speed` (m/s), m/s2."""
         return GRAVITY + self.downforce(speed) / self.mass
 
+    def drag(self, speed: float) -> float:
+        """Deceleration by the air at `speed` (m/s), m/s2."""
+        return 0.5 * self.air_density * self.drag_area * speed**2 / self.mass
+
     def downforce(self, speed: float) -> float:
         """Force that presses both axles down at `speed` (m/s), N."""
         return -0.5 * self.air_density * (self.lift_area_front + self.lift_area_rear) * speed**2

@@ -25,7 +25,7 @@ MAP, BASE = "map", "base_link"
 UNKNOWN = 1e6
 """variance of what is not measured: filters give it no weight"""
 IMU_VARIANCES = (1e-4, 0.1)
-"""(rad/s)^2 and (m/s2)^2 of the car's IMU with vibration"""
+"""(rad/s)^2 and (m/s2)^2 of an inertial sensor on a race car, with vibration"""
 
 
 class Level(IntEnum):

@@ -231,7 +231,7 @@ class _Neutral(dict[str, Any]):
 
 
 def _declared_drag(vehicle: Vehicle) -> Array:
-    return np.asarray(0.5 * vehicle.air_density * vehicle.drag_area * SPEEDS**2 / vehicle.mass)
+    return np.array([vehicle.drag(speed) for speed in SPEEDS.tolist()])
 
 
 def _fit(values: Array) -> tuple[float, float]:

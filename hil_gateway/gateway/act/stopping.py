@@ -42,8 +42,8 @@ FLAT_GRIP = 0.7
 """share of the declared grip with a flat tyre: it bears less than half, and its axle carries half of the car"""
 FAR_FROM_WAY = 1.5
 """m off its way at which a stop gets a new one: the tyres have not held, or the pose was wrong"""
-ROLLS_OUT = 2.0
-"""m/s2 by which a car without brakes slows down: drag at 55 m/s; a slower one leaves its way a little to the inside"""
+ROLLS_OUT = 55.0
+"""m/s whose drag slows down a car without brakes; a slower one leaves its way a little to the inside"""
 TURNS_MOST = 1.5
 """of the declared grip at most is asked for without a gyro: more steering turns no car in, and none that slides out"""
 BEND_SHARE = 0.7
@@ -126,7 +126,7 @@ class Stopping:
         """The way of this stop, which begins as the car turns now."""
         way = None
         if self._track is not None and pose is not None:
-            deceleration = self._config.controlled_deceleration if self._brakes else ROLLS_OUT
+            deceleration = self._config.controlled_deceleration if self._brakes else self._vehicle.drag(ROLLS_OUT)
             way = way_along(
                 self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration, clear=self._clear
             )

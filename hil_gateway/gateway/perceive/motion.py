@@ -118,11 +118,10 @@ class MotionReader:
     def __init__(self, car: Car) -> None:
         self._vehicle = vehicle = car.vehicle
         self._per_pa = car.powertrain.brake_force_per_pa / vehicle.mass
-        self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
         fastest, self._turns_in_s = car.actuators.speed_max, car.turns_in_s
         self._turning_most = MOST_GRIP * vehicle.pressed(fastest)
         """m/s2 of lateral force: wheels whose difference means more have locked"""
-        self._slowing_most = self._turning_most + self._drag * fastest**2
+        self._slowing_most = self._turning_most + vehicle.drag(fastest)
         self._lately, self._under_brakes = (
             FadingRatio(UNDERSTEER_LEARNT, UNDERSTEER, 1.0),
             FadingRatio(UNDERSTEER_LEARNT),
@@ -273,7 +272,7 @@ class MotionReader:
         """Longitudinal specific force beside drag over that of the pressures as declared."""
         braking = self._pressed(state)
         if braking > BRAKED:
-            share = -(state.ax + self._drag * speed**2) / braking
+            share = -(state.ax + self._vehicle.drag(speed)) / braking
             self._brakes += SPEED_LEARNT * (min(max(share, 1.0 - BRAKES_MOST), 1.0 + BRAKES_MOST) - self._brakes)
 
     def _speed(  # noqa: PLR0917 - what it is taken from
@@ -314,7 +313,7 @@ class MotionReader:
         if commanded is None or commanded.accelerator > 0.0:
             return 0.0
         pressed = (commanded.brake_front + commanded.brake_rear) * self._per_pa
-        return self._learnt.brakes * pressed + self._drag * self.motion.speed**2
+        return self._learnt.brakes * pressed + self._vehicle.drag(self.motion.speed)
 
     def _by_repair(self, state: VehicleState, speed: float, course: Course | None) -> tuple[float, float] | None:
         """Yaw rate (rad/s) and lateral specific force (m/s2) of an IMU that has a repair."""

@@ -34,7 +34,6 @@ class AxleMonitor:
     def __init__(self, config: Config) -> None:
         self._vehicle = car = config.vehicle
         self._per_drive = config.powertrain.force_per_drive / car.mass
-        self._drag = 0.5 * car.air_density * car.drag_area / car.mass
         self._drive_slip = car.wheelbase / (STIFFEST * GRAVITY * car.lf)
         """of the driven wheels a m/s2, at least"""
         self._radii = self._slip = 0.0
@@ -51,7 +50,7 @@ class AxleMonitor:
         if abs(driven) < ROLLING:
             self._radii += PERIOD_S / ROLLED_S * (min(max(faster, -RADII_MOST), RADII_MOST) - self._radii)
         self._slip += PERIOD_S / (SLIPPED_S + PERIOD_S) * (faster - self._slip)
-        pushed = min(driven, state.ax + self._drag * speed**2)
+        pushed = min(driven, state.ax + self._vehicle.drag(speed))
         swapped = pushed > DRIVEN and self._slip - self._radii < -self._drive_slip * pushed
         return self._held.update(swapped, now_ns)
 
