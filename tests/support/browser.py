@@ -13,8 +13,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import pytest
+
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 ANSWER_S = 30.0
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
+TEXT = "document.getElementById('{}').textContent"
 
 
 class Browser:

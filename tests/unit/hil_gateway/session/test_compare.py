@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.browser import CHROMIUM, Browser
+from support.browser import Browser, needs_browser
 from typer.testing import CliRunner
 
 from hil_gateway.bus import messages as m
@@ -78,7 +78,7 @@ def test_the_page_needs_no_other_file_and_no_network(tmp_path):
     assert "@DATA@" not in text and not re.search(r'(src|href)="', text)
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
+@needs_browser
 def test_a_browser_draws_both_laps_and_says_who_is_faster(tmp_path):
     track, path = load_track(), write(tmp_path / "a.mcap", [50.0, 60.0])
     (tmp_path / "c.html").write_text(page(read_lap(path, track, 1), read_lap(path, track, 2), track))
