@@ -17,7 +17,7 @@ from can_dbc.errors import PlatformError
 from can_dbc.folder import DEFAULT_PLATFORM, FILES, dbc_path, platform_folder, read_text, read_toml
 from hil_gateway.car.figures import Angle, Figure, Force, In, Length, Number, Seconds, read_section
 from hil_gateway.car.powertrain import Powertrain
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
 
@@ -136,6 +136,12 @@ class Car(Model):
         front = tyres.bf * tyres.cf * tyres.df * (v.static_load_front - v.lift_area_front * pressed)
         rear = tyres.br * tyres.cr * tyres.dr * (v.static_load_rear - v.lift_area_rear * pressed)
         return v.yaw_inertia / (v.lf**2 * front + v.lr**2 * rear)
+
+    @property
+    def hold_pressure(self) -> float:
+        """Of the brakes, Pa, with which they bear the weight: the car stands on any road."""
+        brakes = self.powertrain
+        return min(0.5 * self.vehicle.mass * GRAVITY / brakes.brake_force_per_pa, brakes.brake_pressure_max)
 
     @property
     def codec(self) -> Codec:

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, Self
 from pydantic import Field, model_validator
 
 from hil_gateway.car.car import Car, load_car
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
@@ -105,12 +105,6 @@ class StopConfig(Model):
         default_factory=lambda: load_car().tyres.grip, ge=0.3, le=4,
         description="lateral specific force the tyres hold, g; not given: the car's",
     )  # fmt: skip
-    hold_pressure: float = Field(
-        default_factory=lambda: stop_of(load_car())["hold_pressure"],
-        ge=1.0e5,
-        le=20.0e6,
-        description="brake pressure at standstill, Pa; not given: what holds the car on any road",
-    )
 
     def grip(self, vehicle: Vehicle, speed: float) -> float:
         """Specific force that the declared grip of the tyres makes at `speed` (m/s), m/s2."""
@@ -125,13 +119,11 @@ class StopConfig(Model):
 
 def stop_of(car: Car) -> dict[str, float]:
     """What the settings of a stop are for a car where nothing else is given: no harder than its brakes can."""
-    train, weight = car.powertrain, car.vehicle.mass * GRAVITY
-    brakes, usual = train.hardest_braking / car.vehicle.mass, StopConfig.model_fields
+    brakes, usual = car.powertrain.hardest_braking / car.vehicle.mass, StopConfig.model_fields
     if brakes < LEAST_BRAKES:
         raise InputError(f"{car.platform}: car.toml: the brakes give {brakes:.2g} m/s2, {LEAST_BRAKES:g} are needed")
     return {
         "lateral_grip": car.tyres.grip,
-        "hold_pressure": min(0.5 * weight / train.brake_force_per_pa, train.brake_pressure_max),
         **{f"{kind}_deceleration": min(usual[f"{kind}_deceleration"].default, brakes) for kind in STOPS},
     }
 

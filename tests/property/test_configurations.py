@@ -18,7 +18,7 @@ KEYS = {
     "gateway.limits.steering_rate": 500.0, "gateway.limits.accelerator_rise": 400.0,
     "gateway.limits.brake_rise": 180e3, "gateway.limits.brake_fall": 60e3,
     "gateway.stop.controlled_deceleration": 6.0, "gateway.stop.emergency_deceleration": 12.0,
-    "gateway.stop.lateral_grip": 1.3, "gateway.stop.hold_pressure": 2e6, "vehicle.mass": 787.3,
+    "gateway.stop.lateral_grip": 1.3, "vehicle.mass": 787.3,
     "vehicle.steering_ratio": 15.0, "powertrain.brake_force_per_pa": 1.8e-3, "powertrain.brake_bias_front": 0.54,
     "powertrain.brake_pressure_max": 6e6, "powertrain.force_per_drive": 5e4, "powertrain.upshift_rpm": 6500.0,
     "powertrain.downshift_rpm": 5700.0, "powertrain.clutch_rpm": 2000.0,
