@@ -230,8 +230,6 @@ def _read(platform: str, codec: Codec) -> Car:
         network_receivers=receivers,
         figures=file.figures,
     )
-    if car.powertrain.force_per_drive != car.tyres.cx:
-        raise PlatformError(f"{file.path}: powertrain.force_per_drive: leave it out, it is tyres.cx")
     if found := car.vehicle.outside_a_race_car():
         raise PlatformError(f"{file.path}: vehicle.{found}")
     return car
