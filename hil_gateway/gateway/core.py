@@ -209,7 +209,7 @@ class Gateway:
         estimate = self.inbox.read_estimate(now_ns)
         if in_time:
             monitors.position.outvoted(outvoted_s)
-            monitors.heed(now_ns, state, self.inbox.estimate)
+            monitors.heed(now_ns, state, self.inbox.estimate, self._dead_reckoning.pose is not None)
         believed = estimate if monitors.estimate_fits and in_time else None
         if believed is not None and believed.valid and not before.stopping:
             monitors.motion.teach(now_ns, state, believed)

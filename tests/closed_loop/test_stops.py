@@ -4,7 +4,9 @@ and plant, from many places of the road course."""
 from __future__ import annotations
 
 import json
+import math
 import os
+from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -12,10 +14,13 @@ from typing import Any
 import pytest
 from support.promise_figures import record_figure, volume
 
+from estimator.node import Estimator
 from hil_gateway.bus import topics
-from hil_gateway.bus.messages import OperatorAction, OperatorCommand
+from hil_gateway.bus.interface import LocalBus
+from hil_gateway.bus.messages import OperatorAction, OperatorCommand, VehicleState
 from hil_gateway.config import Config
 from hil_gateway.gateway.node import OrderlyEnd
+from hil_gateway.track.track import Track
 from planner.simulation.loop import Faults, Loop
 
 REASONS = ("planner", "estimator", "planner and estimator", "stop", "emergency", "heartbeat", "purple")
@@ -132,6 +137,43 @@ def end_in(loop: Loop, requests: int) -> tuple[float, str]:
         loop.step()
     assert loop.plant.car.standing
     return loop.plant.referee.worst_margin_m, loop.gateway.failsafe.cause
+
+
+class Waited:
+    """What came while nobody looked, given oldest first and twenty at a time, as a network and a busy process do."""
+
+    dropped = 0
+
+    def __init__(self, bus: LocalBus) -> None:
+        self._states, self._left = bus.subscribe(topics.VEHICLE_STATE, depth=10_000), deque[VehicleState]()
+
+    def poll(self, now_ns: int) -> list[VehicleState]:
+        self._left += self._states.poll(now_ns)
+        return [self._left.popleft() for _ in range(min(20, len(self._left)))]
+
+
+def behind_a_network(config: Config, bus: LocalBus, track: Track) -> Estimator:
+    estimator = Estimator(config, bus, track)
+    estimator._states = Waited(bus)
+    return estimator
+
+
+@pytest.mark.slow
+@pytest.mark.promise("L1")
+@pytest.mark.parametrize("seconds", [0.7, 3.0])
+def test_an_estimator_that_answers_what_waited_for_it_does_not_lead_a_stop(seconds: float):
+    dead = Dead()
+    made = Config.model_validate({"planner": {"horizon": 20}})
+    loop = Loop(made, faults=dead, components={"estimator": behind_a_network})
+    loop.run(seconds=8.0, time_limit_s=60.0)
+    loop.plant.referee.worst_margin_m, begin_s = float("inf"), loop.elapsed_s
+    dead.components = {"estimator"}
+    while not loop.plant.car.standing and loop.elapsed_s < begin_s + 25.0:
+        dead.components = dead.components if loop.elapsed_s < begin_s + seconds else set()
+        loop.step()
+        pose, car = loop.gateway._dead_reckoning.pose, loop.plant.car
+        assert math.hypot(pose.x - car["x"], pose.y - car["y"]) < 1.0, loop.elapsed_s - begin_s
+    assert loop.plant.car.standing and loop.plant.referee.worst_margin_m > 0.0
 
 
 @pytest.mark.slow

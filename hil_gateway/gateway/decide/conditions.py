@@ -20,7 +20,7 @@ from hil_gateway.gateway.decide.arming import of_another_drive, unready
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import ladder_inputs
-from hil_gateway.gateway.perceive.inbox import lacks_heading_only
+from hil_gateway.gateway.perceive.inbox import ESTIMATE_MAX_S, usable
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
@@ -41,9 +41,6 @@ LISTENS_NS = NS_PER_S // 10
 """ten periods of another computer's commands"""
 ENGINE_TURNS = 40.0
 """rad/s (380 rpm): starters crank slower, no engine idles so slow"""
-ESTIMATE_MAX_S = 0.1
-"""An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
-gateway was held up does not pass for new."""
 
 
 FIRST_METRES = 6.0
@@ -203,8 +200,7 @@ class Conditions:
     def _without_estimate(self, estimate: Latest[Estimate], now_ns: int) -> float:
         """Seconds without a valid estimate of a recent state."""
         age_s = 0.0 if estimate.message is None else (now_ns - estimate.message.state_stamp_ns) / NS_PER_S
-        usable = estimate.valid(now_ns) or lacks_heading_only(estimate, now_ns)
-        invalid = not (usable and 0.0 <= age_s <= ESTIMATE_MAX_S)
+        invalid = not usable(estimate, now_ns)
         held_s = self._estimate_invalid.update(invalid, now_ns)
         return max(held_s, age_s - ESTIMATE_MAX_S) if invalid else 0.0
 

@@ -14,6 +14,7 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.clock import NS_PER_S
 
 FIX_GAIN = 0.3
@@ -33,8 +34,8 @@ SLIP_LEARNT = 0.005
 """weight of an estimate: two seconds"""
 SLIP_MOST = 0.008
 """rad per m/s2: a rear axle at its limit at 10 m/s2 and 0.08 rad"""
-LONGEST_S = 0.2
-"""longest time bridged at once: an estimate with an older stamp is not used"""
+LONGEST_S = 0.5
+"""longest time bridged at once: a yaw rate that changes by 0.1 rad/s2 is 12 mrad off then"""
 
 
 class Pose(NamedTuple):
@@ -49,7 +50,7 @@ class Pose(NamedTuple):
 
 
 class DeadReckoning:
-    """The pose now; None before the first estimate.
+    """The pose now; None before the first estimate, and where nothing was heard for so long that it is not known.
 
     Side slip is carried on as l_r r / v - k a_y (single track with a linear rear tyre); the estimates teach k.
     """
@@ -75,6 +76,10 @@ class DeadReckoning:
         `believe_fixes` is false from the first fix on that does not fit the way the car has gone. They lie `aside` of
         the car, by so many m in the map.
         """
+        if now_ns - self._pose_ns > LONGEST_S * NS_PER_S:  # held up itself
+            self.pose = None
+        if estimate is not None and not (estimate.valid or motion.speed < STANDSTILL):
+            estimate = None  # its heading is a guess
         if estimate is not None and (self.pose is None or estimate.state_stamp_ns != self._answered_ns):
             self._learn(estimate, motion)
             self.pose = Pose(estimate.x, estimate.y, estimate.yaw, estimate.vx, self._slip(motion))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
@@ -12,6 +14,9 @@ from hil_gateway.gateway.command_gate import CommandGate, Refusal
 from hil_gateway.gateway.requests import REQUESTS
 from hil_gateway.process.clock import NS_PER_S
 
+ESTIMATE_MAX_S = 0.1
+"""An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
+gateway or the estimator was held up does not pass for new."""
 COMMAND_QUEUE = 16
 SECOND_SOURCE_NS = NS_PER_S
 """how long a refused sender is named"""
@@ -22,6 +27,14 @@ OPERATOR_QUEUE = 1024
 STARTS_REMEMBERED = 4096
 """Requests to arm and to crank that are known again when they are delivered twice: a person makes some dozens a day.
 Beyond that the gateway has to be restarted to be armed; none is ever forgotten and taken again."""
+
+
+class NewestEstimate(Latest[Estimate]):
+    """One of an old state is as dead as one that came long ago."""
+
+    def alive(self, now_ns: int) -> bool:
+        age_s = inf if self.message is None else (now_ns - self.message.state_stamp_ns) / NS_PER_S
+        return super().alive(now_ns) and 0.0 <= age_s <= ESTIMATE_MAX_S
 
 
 class Inbox:
@@ -37,7 +50,8 @@ class Inbox:
         self._operator = bus.subscribe(topics.OPERATOR, depth=OPERATOR_QUEUE)
         self._navigation = bus.subscribe(topics.NAVIGATION, depth=NAVIGATION_QUEUE)
         self._plan = LatestReader(bus, topics.PLAN)
-        self._estimate = LatestReader(bus, topics.ESTIMATE)
+        self._estimates = bus.subscribe(topics.ESTIMATE)
+        self.estimate = NewestEstimate(topics.ESTIMATE.deadline_s)
         self._run = LatestReader(bus, topics.RUN)
         self._starts_seen: set[tuple[str, str, int, int]] = set()
         self.gate = CommandGate(latency_max_s)
@@ -50,11 +64,6 @@ class Inbox:
     def plan(self) -> Latest[Plan]:
         """The newest plan."""
         return self._plan.latest
-
-    @property
-    def estimate(self) -> Latest[Estimate]:
-        """The newest estimate."""
-        return self._estimate.latest
 
     @property
     def command_source(self) -> str:
@@ -84,9 +93,9 @@ class Inbox:
 
     def read_estimate(self, now_ns: int) -> Estimate | None:
         """The newest estimate, while it is valid or lacks the heading only, for which it then has the track's."""
-        estimate = self._estimate.update(now_ns)
-        usable = estimate.valid(now_ns) or lacks_heading_only(estimate, now_ns)
-        return estimate.message if usable else None
+        for estimate in self._estimates.poll(now_ns):
+            self.estimate.put(estimate, now_ns)
+        return self.estimate.message if usable(self.estimate, now_ns) else None
 
     def read_run(self, now_ns: int) -> Latest[RunStatus]:
         """Where in its run the planner says that the car is."""
@@ -115,6 +124,7 @@ class Inbox:
         return not known
 
 
-def lacks_heading_only(estimate: Latest[Estimate], now_ns: int) -> bool:
-    """Whether all that a recent estimate does not know is where the car points."""
-    return estimate.message is not None and estimate.message.lacks == "heading" and estimate.alive(now_ns)
+def usable(estimate: Latest[Estimate], now_ns: int) -> bool:
+    """Whether the newest estimate is valid, or all that it does not know is where the car points."""
+    heading_only = estimate.message is not None and estimate.message.lacks == "heading"
+    return estimate.valid(now_ns) or (heading_only and estimate.alive(now_ns))

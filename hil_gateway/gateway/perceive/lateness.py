@@ -1,7 +1,8 @@
 """How late the frames of a bus are that was silent and goes on where it stopped: they waited somewhere.
 
 The counter of a message is the clock of its sender. Frames that were lost leave a gap in it; frames that waited do not,
-and are late by what the clock is behind since the silence began. What they say is right, of a moment ago.
+and are late by what the clock is behind since the silence began. What they say is right, of a moment ago. A silence in
+which the reader was held up itself is none: it has read since then whatever waited for it.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ class Lateness:
     def step(self) -> int:
         """How late the newest frames are, ns; 0: in time."""
         newest_ns, count = self._builder.newest_ns, self._clock.counter if self._clock is not None else None
+        silent = self.pauses and newest_ns - self._newest_ns > SILENT_S * NS_PER_S
         self.pauses = newest_ns == self._newest_ns
-        silent = newest_ns - self._newest_ns > SILENT_S * NS_PER_S
         if silent and not self._since_ns and self._count is not None:
             self._since_ns, self._advanced = self._newest_ns, 0
         if self._since_ns and count != self._count and count is not None and self._count is not None:

@@ -12,6 +12,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
+from hil_gateway.gateway.perceive.inbox import usable
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
@@ -83,6 +84,8 @@ class Monitors:
         """whether the steering does not report what it is asked for: now, or since a stop began"""
         self._imu_gone, self._imu_missed = False, ConditionTime()
         """whether it alone was silent or implausible during this stop: where it comes back it may be late"""
+        self._estimate_gone = False
+        """whether there was none during this stop: what comes back has a gap, which what is reckoned has not"""
         self._without_wheels, self._without_imu = ConditionTime(), ConditionTime()
         """a source that is not believed any more stops the car, whatever it says from then on"""
         self._road = None if track is None else RoadMonitor(track, car.vehicle.half_width)
@@ -99,8 +102,8 @@ class Monitors:
 
     @property
     def estimate_fits(self) -> bool:
-        """Whether nothing that an estimate is made of is contradicted."""
-        return self.fixes_fit and not self.imu_suspect and not self.wheels_wrong
+        """Whether nothing that an estimate is made of is contradicted, and it was there during all of a stop."""
+        return self.fixes_fit and not (self.imu_suspect or self.wheels_wrong or self._estimate_gone)
 
     @property
     def steering_reversed(self) -> bool:
@@ -117,8 +120,11 @@ class Monitors:
         }
         return own | {f"course, {name}": share for name, share in self._course.shares.items()}
 
-    def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate]) -> None:
-        """What an estimator thinks of the fixes counts while the sensors it judges them by are believed."""
+    def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], reckoned: bool) -> None:
+        """What an estimator thinks of the fixes counts while the sensors it judges them by are believed. `reckoned`:
+        where the car is is known without its estimates, too."""
+        follows = reckoned and self.stopping and self.motion.motion.speed > STANDSTILL
+        self._estimate_gone = follows and (self._estimate_gone or not usable(estimate, now_ns))
         self.position.heed(now_ns, state, estimate, believed=not self.imu_suspect and not self.wheels_wrong)
 
     def measures(

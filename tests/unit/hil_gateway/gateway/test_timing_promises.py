@@ -7,10 +7,10 @@ from support.cars.scripted_car import PERIOD_NS, Rig
 from support.promise_figures import record_figure
 
 from can_dbc.codec import load_codec
-from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.config import Config
 from hil_gateway.gateway.decide.conditions import Conditions
+from hil_gateway.gateway.perceive.inbox import NewestEstimate
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.process.clock import NS_PER_S
 
@@ -96,7 +96,7 @@ def test_an_estimate_is_as_old_as_its_state(age_ms, measures_ms):
     """However lately it was received: it may have waited while the gateway was held up. From the future is none."""
     rig = driving()
     state = rig.gateway.builder.build(rig.now_ns, 9, 1, 0)
-    latest = Latest(0.05)
+    latest = NewestEstimate(0.05)
     conditions = Conditions(rig.gateway.builder, TyreReports(rig.gateway.builder), Config())
     latest.put(rig.estimate(rig.now_ns - age_ms * NS_PER_S // 1000), rig.now_ns)
     for later_ms, expected_ms in zip((0, 10), measures_ms, strict=True):

@@ -9,7 +9,7 @@ import pytest
 from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import Estimate, VehicleState
-from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
+from hil_gateway.gateway.perceive.dead_reckoning import LONGEST_S, DeadReckoning, Pose
 from hil_gateway.gateway.perceive.motion import Motion
 
 TICK_NS = 10_000_000
@@ -129,7 +129,27 @@ def test_after_a_long_way_without_a_fix_a_distant_one_is_taken(rig):
 @pytest.mark.parametrize("stamp", [1, 1 << 62])
 def test_an_estimate_with_an_absurd_stamp_moves_the_pose_by_little(rig, stamp):
     pose = DeadReckoning(REAR).step(rig.now_ns, state(rig), AHEAD, estimate(rig, state_stamp_ns=stamp))
-    assert pose is not None and 0 <= pose.x <= 8.0 + 1e-9
+    assert pose is not None and 0 <= pose.x <= 40.0 * LONGEST_S + 1e-9
+
+
+@pytest.mark.parametrize(("speed", "taken"), [(40.0, False), (0.0, True)])
+def test_a_heading_that_is_a_guess_replaces_none_that_was_reckoned_of_a_car_that_moves(rig, speed, taken):
+    reckoning = DeadReckoning(REAR)
+    reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig))
+    later = rig.now_ns + TICK_NS
+    guess = estimate(rig, yaw=0.3, valid=False, lacks="heading", state_stamp_ns=later)
+    pose = reckoning.step(later, state(rig, speed), Motion(speed=speed), guess)
+    assert pose is not None
+    assert (pose.yaw == pytest.approx(0.3)) is taken
+
+
+def test_nothing_is_known_after_a_long_gap_until_there_is_an_estimate_with_its_heading(rig):
+    reckoning = DeadReckoning(REAR)
+    reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig))
+    later = rig.now_ns + 150 * TICK_NS
+    guess = estimate(rig, valid=False, lacks="heading", state_stamp_ns=later)
+    assert reckoning.step(later, state(rig), AHEAD, guess) is None
+    assert reckoning.step(later, state(rig), AHEAD, estimate(rig, state_stamp_ns=later)) is not None
 
 
 def test_a_new_estimate_replaces_what_was_reckoned(rig):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 from support.cars.scripted_car import Rig
 
+from hil_gateway.bus import topics
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
 
 WHEELS = ("wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR")
 
@@ -18,6 +20,13 @@ def moving(speed: float = 30.0) -> Rig:
     rig.run(1.0)
     assert rig.action is FailsafeAction.DRIVE
     return rig
+
+
+def pose(rig: Rig) -> Pose:
+    """Where the gateway reckons the car."""
+    found = rig.gateway._dead_reckoning.pose
+    assert found is not None
+    return found
 
 
 def test_wheel_speeds_that_hang_stop_the_car() -> None:
@@ -108,3 +117,44 @@ def test_wheel_speeds_of_one_side_a_fifth_too_low_stop_a_car_that_drives_straigh
     rig.car.overrides |= {"wheel_speed_FL": 0.8 * 108.0, "wheel_speed_RL": 0.8 * 108.0}
     rig.run(0.4)
     assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "wheel_speed_wrong")
+
+
+def test_an_estimator_that_was_gone_and_comes_back_is_not_used_again_until_the_car_stands() -> None:
+    """It has missed what happened, and the gateway has not."""
+    rig = moving()
+    rig.estimator_runs = False
+    rig.run(0.3)
+    assert rig.cause == "estimate_invalid"
+    rig.estimator_runs, rig.aside = True, 5.0
+    rig.run(0.3)
+    assert not rig.gateway.monitors.estimate_fits
+    assert abs(pose(rig).y) < 0.1
+    while rig.car.speed > 0.0:
+        rig.step()
+    rig.run(0.1)
+    assert rig.gateway.monitors.estimate_fits
+
+
+@pytest.mark.parametrize("held_s", [0.3, 2.0])
+def test_a_gateway_that_was_held_up_itself_goes_by_the_estimate_again(held_s: float) -> None:
+    """It does not know where the car went meanwhile."""
+    rig = moving()
+    rig.gateway_runs = False
+    rig.run(held_s)
+    rig.gateway_runs, rig.aside = True, 1.0
+    rig.run(0.3)
+    assert rig.action is FailsafeAction.EMERGENCY_STOP
+    assert abs(pose(rig).x - rig.car.x) < 1.0
+    assert pose(rig).y > 0.5
+
+
+def test_an_estimate_of_an_old_state_moves_no_stop() -> None:
+    """What waited for an estimator that was held up is answered when the car is elsewhere."""
+    rig = moving()
+    rig.estimator_runs = False
+    old = rig.estimate(rig.now_ns)
+    rig.run(0.3)
+    assert rig.cause == "estimate_invalid"
+    rig.bus.publish(topics.ESTIMATE, old)
+    rig.run(0.01)
+    assert abs(pose(rig).x - rig.car.x) < 1.0

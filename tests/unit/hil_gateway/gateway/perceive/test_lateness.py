@@ -80,6 +80,17 @@ def test_frames_that_come_all_at_once_afterwards_have_caught_up(bus):
     assert not any(bus.periods(3 * SILENT)[1:])
 
 
+def test_a_reader_that_was_held_up_together_with_the_car_finds_nothing_late():
+    """As in a simulation of which all processes sleep."""
+    rig = Rig()
+    rig.drive = 0.3
+    rig.drive_off(8.0)
+    rig.clock.advance(100 * PERIOD_NS)
+    rig.run(0.05)
+    assert rig.action is FailsafeAction.EMERGENCY_STOP
+    assert abs(rig.gateway._dead_reckoning.pose.x - rig.car.x) < 1.0
+
+
 def test_what_is_forgotten_is_not_late_until_the_next_silence(bus):
     bus.held = SILENT
     assert bus.periods(2 * SILENT)[-1] > 0
