@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hil_gateway.gateway.perceive.monitors.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
@@ -66,6 +67,8 @@ class CourseReader:
         """Course at `now_ns`; None where fixes are missing, slow or scattered."""
         if fixes.seq != self._seq:
             self._seq = fixes.seq
+            if self._fixes and fixes.stamp_ns - self._fixes[-1][0] > UNSEEN_S * NS_PER_S:
+                self._fixes.clear()
             self._fixes.append((fixes.stamp_ns, fixes.x, fixes.y))
             self._fit = self._fitted()
         if self._fit is None or now_ns - self._fit[1] > OLDEST_S * NS_PER_S:
@@ -76,7 +79,7 @@ class CourseReader:
     def _fitted(self) -> tuple[Array, int] | None:
         newest_ns, self.scatter_m = self._fixes[-1][0], 0.0
         t = np.array([(stamp - newest_ns) / NS_PER_S for stamp, _, _ in self._fixes])
-        if len(t) < FITTED or t[0] < -2 * FITTED * OLDEST_S or not (np.diff(t) > 0.0).all():
+        if len(t) < FITTED or not (np.diff(t) > 0.0).all():
             return None
         places = np.array([place for _, *place in self._fixes])
         powers = np.vander(t, 3, increasing=True)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
+from hil_gateway.gateway.perceive.monitors.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.clock import NS_PER_S
@@ -34,8 +35,6 @@ SLIP_LEARNT = 0.005
 """weight of an estimate: two seconds"""
 SLIP_MOST = 0.008
 """rad per m/s2: a rear axle at its limit at 10 m/s2 and 0.08 rad"""
-LONGEST_S = 0.5
-"""longest time bridged at once: a yaw rate that changes by 0.1 rad/s2 is 12 mrad off then"""
 
 
 class Pose(NamedTuple):
@@ -76,7 +75,7 @@ class DeadReckoning:
         `believe_fixes` is false from the first fix on that does not fit the way the car has gone. They lie `aside` of
         the car, by so many m in the map.
         """
-        if now_ns - self._pose_ns > LONGEST_S * NS_PER_S:  # held up itself
+        if now_ns - self._pose_ns > UNSEEN_S * NS_PER_S:  # held up itself
             self.pose = None
         if estimate is not None and not (estimate.valid or motion.speed < STANDSTILL):
             estimate = None  # its heading is a guess
@@ -103,7 +102,7 @@ class DeadReckoning:
         return self.pose
 
     def _carried_on(self, pose: Pose, now_ns: int, motion: Motion) -> Pose:
-        dt = min(max((now_ns - self._pose_ns) / NS_PER_S, 0.0), LONGEST_S)
+        dt = min(max((now_ns - self._pose_ns) / NS_PER_S, 0.0), UNSEEN_S)
         self._pose_ns = now_ns
         speed = motion.speed
         self._blind_m += speed * dt

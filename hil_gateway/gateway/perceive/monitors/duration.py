@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from hil_gateway.process.clock import NS_PER_S
 
+UNSEEN_S = 0.5
+"""s after which what was held up begins anew: a yaw rate that changes by 0.1 rad/s2 is 12 mrad off then"""
+
 
 class ConditionTime:
-    """How long a condition has held, s."""
+    """How long a condition has held, s, as far as it was seen to."""
 
     def __init__(self) -> None:
         self._since_ns: int | None = None
+        self._seen_ns = 0
 
     def update(self, holds: bool, now_ns: int) -> float:
         """0 while it does not hold."""
         if not holds:
             self._since_ns = None
             return 0.0
-        if self._since_ns is None:
+        if self._since_ns is None or now_ns - self._seen_ns > UNSEEN_S * NS_PER_S:
             self._since_ns = now_ns
+        self._seen_ns = now_ns
         return (now_ns - self._since_ns) / NS_PER_S

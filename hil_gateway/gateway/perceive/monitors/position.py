@@ -12,8 +12,8 @@ import math
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import apart_at_most
-from hil_gateway.gateway.perceive.dead_reckoning import LONGEST_S, Pose
-from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.monitors.duration import UNSEEN_S, ConditionTime
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.process.clock import NS_PER_S
 
@@ -118,7 +118,7 @@ class PositionMonitor:
         """Judge the fix of this period, if one came; `pose` gives the heading to begin with."""
         dt = 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NS_PER_S
         self._last_ns = now_ns
-        if dt > LONGEST_S:  # held up itself
+        if dt > UNSEEN_S:  # held up itself
             self._reference = None
         if pose is None or motion.speed < JUDGED_FROM:
             self._reference, self._level, self._aside, self._ahead = None, 0.0, 0.0, 0.0

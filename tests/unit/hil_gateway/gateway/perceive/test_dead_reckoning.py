@@ -9,7 +9,8 @@ import pytest
 from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import Estimate, VehicleState
-from hil_gateway.gateway.perceive.dead_reckoning import LONGEST_S, DeadReckoning, Pose
+from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
+from hil_gateway.gateway.perceive.monitors.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.motion import Motion
 
 TICK_NS = 10_000_000
@@ -129,7 +130,7 @@ def test_after_a_long_way_without_a_fix_a_distant_one_is_taken(rig):
 @pytest.mark.parametrize("stamp", [1, 1 << 62])
 def test_an_estimate_with_an_absurd_stamp_moves_the_pose_by_little(rig, stamp):
     pose = DeadReckoning(REAR).step(rig.now_ns, state(rig), AHEAD, estimate(rig, state_stamp_ns=stamp))
-    assert pose is not None and 0 <= pose.x <= 40.0 * LONGEST_S + 1e-9
+    assert pose is not None and 0 <= pose.x <= 40.0 * UNSEEN_S + 1e-9
 
 
 @pytest.mark.parametrize(("speed", "taken"), [(40.0, False), (0.0, True)])
