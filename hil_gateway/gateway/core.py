@@ -217,9 +217,11 @@ class Gateway:
         pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fixes_fit or drifts, aside)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
         monitored = monitors.measures(now_ns, state, pose, commanded, course)
-        if monitors.imu_wrong and not imu_was_wrong:  # a stop that begins now must not go by what was false
+        found = monitors.imu_wrong and not imu_was_wrong
+        if found:  # a stop that begins now must not go by what was false
             motion = monitors.motion.again(state, course)
-            pose = pose if course is None else self._dead_reckoning.restart(then_ns, course)
+        if course is not None and (found or pose is None):
+            pose = self._dead_reckoning.restart(then_ns, course)
         return motion, pose, monitored
 
     def _drifted(self, known: bool) -> tuple[float, float]:

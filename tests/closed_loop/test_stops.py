@@ -20,6 +20,7 @@ from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import OperatorAction, OperatorCommand, VehicleState
 from hil_gateway.config import Config
 from hil_gateway.gateway.node import OrderlyEnd
+from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 from planner.simulation.loop import Faults, Loop
 
@@ -133,6 +134,24 @@ def end_in(loop: Loop, requests: int) -> tuple[float, str]:
         loop.step()
     loop.gateway.shut_down(loop.clock.now_ns())
     loop.faults.components = {"gateway"}
+    while not loop.plant.car.standing and loop.elapsed_s < begin_s + 25.0:
+        loop.step()
+    assert loop.plant.car.standing
+    return loop.plant.referee.worst_margin_m, loop.gateway.failsafe.cause
+
+
+@pytest.mark.slow
+@pytest.mark.promise("L1")
+def test_a_computer_that_slept_in_a_bend_with_its_car_keeps_it_on_the_road(bend: Loop):
+    margin, cause = in_a_fork(lambda: wake_in(bend, 1.5))
+    assert margin > 0.0
+    assert cause == "gateway_late"
+
+
+def wake_in(loop: Loop, seconds: float) -> tuple[float, str]:
+    """Least distance of a wheel to the edge (m) until the car stands, and the cause of its stop."""
+    loop.clock.advance(round(seconds * 20) * NS_PER_S // 20)
+    begin_s, loop.plant.referee.worst_margin_m = loop.elapsed_s, float("inf")
     while not loop.plant.car.standing and loop.elapsed_s < begin_s + 25.0:
         loop.step()
     assert loop.plant.car.standing

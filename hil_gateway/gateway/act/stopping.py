@@ -103,7 +103,7 @@ class Stopping:
             self._brakes, self._path = False, None
         if self.blind and self._clear < CLEAR_BLIND:
             self._clear, self._path = CLEAR_BLIND, None
-        if self._path is None or (pose is not None and self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
+        if pose is not None and (self._path is None or self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
             self._path = self._way(pose, motion)
             self._curvature = self._path.curvature() if self._path is not None else np.zeros(0)
             self._bends = np.abs(self._curvature)
@@ -122,10 +122,10 @@ class Stopping:
         force = self._vehicle.mass * (min(wanted, left) if steers else left)
         return self._steer, -force / self._force_per_drive
 
-    def _way(self, pose: Pose | None, motion: Motion) -> Path | None:
+    def _way(self, pose: Pose, motion: Motion) -> Path | None:
         """The way of this stop, which begins as the car turns now."""
         way = None
-        if self._track is not None and pose is not None:
+        if self._track is not None:
             deceleration = self._config.controlled_deceleration if self._brakes else self._vehicle.drag(ROLLS_OUT)
             way = way_along(
                 self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration, clear=self._clear

@@ -96,7 +96,7 @@ class DeadReckoning:
             self.pose = self.pose._replace(x=self.pose.x - aside[0], y=self.pose.y - aside[1])
 
     def restart(self, now_ns: int, course: Course) -> Pose:
-        """Go on from the fixes alone: what has been reckoned so far used a wrong sensor."""
+        """Go on from the fixes alone: what has been reckoned so far used a wrong sensor, or nothing has been."""
         self.pose = Pose(course.x, course.y, course.course, course.speed)
         self._pose_ns, self._blind_m, self._by_gyro = now_ns, 0.0, False
         return self.pose
