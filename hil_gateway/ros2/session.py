@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from hil_gateway.bus.zenoh_bus import LARGEST_MESSAGE, with_extra
+from hil_gateway.bus.zenoh_bus import LARGEST_MESSAGE, TX_QUEUE_BATCHES, with_extra
 from hil_gateway.process.errors import InputError
 from hil_gateway.ros2.graph import TOKENS_MAX
 from hil_gateway.ros2.topics import NODE, RosTopic
@@ -178,7 +178,7 @@ def _declare_publisher(session: Any, key: str, topic: RosTopic) -> Any:
     settings: Any = {
         "congestion_control": CongestionControl.DROP,
         "reliability": Reliability.BEST_EFFORT if topic.qos.best_effort else Reliability.RELIABLE,
-        "express": True,
+        "express": topic.qos.depth <= TX_QUEUE_BATCHES,  # what comes in bursts shares batches: else it fills the queue
     }
     if not topic.qos.transient_local:
         return session.declare_publisher(key, **settings)

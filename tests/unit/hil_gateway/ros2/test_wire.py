@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import struct
+from types import SimpleNamespace
 
 import pytest
 from zenoh import ext
 from zenoh_ros2_sdk.attachment import Attachment as SdkAttachment
 from zenoh_ros2_sdk.qos import DEFAULT_QOS_PROFILE, QosDurability, QosProfile, QosReliability
 
+from hil_gateway.ros2 import topics as ros
+from hil_gateway.ros2.session import _declare_publisher
 from hil_gateway.ros2.wire import (
     Attachment,
     Kind,
@@ -104,3 +107,11 @@ def test_identifier_of_a_publisher_is_the_hash_of_its_token_low_half_first():
     low, high = 0x6001C324468D497F, 0x99AA06D3014798D8  # XXH3-128 of nothing, seed 0: test vector of its reference code
     assert gid("") == low.to_bytes(8, "little") + high.to_bytes(8, "little")
     assert len(gid(TALKER)) == 16
+
+
+@pytest.mark.parametrize(("topic", "at_once"), [(ros.FRAMES, False), (ros.ODOMETRY, True)])
+def test_what_comes_in_bursts_shares_batches(topic, at_once):
+    """In a batch each they fill the queue of the sender when the reader pauses, and the next ones are lost."""
+    asked = {}
+    _declare_publisher(SimpleNamespace(declare_publisher=lambda _, **settings: asked.update(settings)), "key", topic)
+    assert asked["express"] is at_once
