@@ -37,6 +37,8 @@ is fitted (`unknown_inputs`), and no effect is told by when ax was."""
 @lru_cache  # each effect of a fit is judged by the same moves
 def by_sampling(fit: Fit) -> Array:
     """(3, p) by which the parameters move where one signal was read by a standard deviation later than the others."""
+    if fit.by_sampling is not None:
+        return fit.by_sampling
     at = Point.at(fit.predictor, fit.parameters, fit.noise)
     return _moved(at, fit, list(_read_later(at)))
 

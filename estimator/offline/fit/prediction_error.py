@@ -36,12 +36,16 @@ FIRST_DAMPING, RELIEF = 1e-4, 10.0
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model on one record: parameters (p,) and the normal equations there; equal to itself alone."""
+    """A fitted model on one record: parameters (p,) and the normal equations there; equal to itself alone.
+
+    `by_sampling` is what `fixed_parameters` says of it where another process was asked already.
+    """
 
     predictor: Predictor
     parameters: Array
     normal: Normal
     noise: ResidualNoise
+    by_sampling: Array | None = None
 
     @property
     def covariance(self) -> Array:

@@ -245,7 +245,7 @@ def _promising(screened: Sequence[Trial], fitted: Mapping[str, Trial], least: fl
 
 def with_effects(names: tuple[str, ...]) -> FitJob:
     """The fit of these effects."""
-    return FitJob(" + ".join(names), names)
+    return FitJob(" + ".join(names), names, judged=True)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ Anything else is no finding, whatever it gains: it stands in for something else,
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 
 import numpy as np
 
@@ -43,6 +44,7 @@ ON_BOUND = 1e-6
 """Share of a parameter's range within which it is on its bound: steps that would leave it end just there."""
 
 
+@lru_cache  # a trial is judged each time that more are tried beside it
 def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, alike in both halves, and not
     contradicted by kinematics."""

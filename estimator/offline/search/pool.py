@@ -5,6 +5,7 @@ A record of a quarter of an hour is 20 MB: sent along with every fit it would ta
 
 from __future__ import annotations
 
+import copyreg
 import ctypes
 import io
 import pickle
@@ -73,15 +74,7 @@ class Pool:
 class _Pickler(pickle.Pickler):
     def __init__(self, file: io.BytesIO, path_of: Callable[[Record], str]) -> None:
         super().__init__(file, pickle.HIGHEST_PROTOCOL)
-        self._path_of = path_of
-
-    def persistent_id(self, obj: Any) -> str | None:
-        return self._path_of(obj) if isinstance(obj, Record) else None
-
-
-class _Unpickler(pickle.Unpickler):
-    def persistent_load(self, pid: str) -> Record:
-        return _read(pid)
+        self.dispatch_table = {**copyreg.dispatch_table, Record: lambda record: (_read, (path_of(record),))}
 
 
 @lru_cache(RECORDS)
@@ -92,7 +85,7 @@ def _read(path: str) -> Record:
 
 
 def _do(task: Callable[..., Any], packed: bytes) -> Any:
-    return task(*_Unpickler(io.BytesIO(packed)).load())
+    return task(*pickle.loads(packed))
 
 
 @contextmanager

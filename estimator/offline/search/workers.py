@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from estimator.offline.fit.fixed_parameters import by_sampling
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Predictor
@@ -17,7 +18,8 @@ from hil_gateway.process.arrays import Array
 class FitJob:
     """A fit to be done: of the named effects, in a `setting` and from a fit of its own if it has them.
 
-    The progress says `label`. It ends after `iterations` where there are so many, as in `fit_names`.
+    The progress says `label`. It ends after `iterations` where there are so many, as in `fit_names`. One that is
+    `judged` comes with what `by_sampling` asks of it.
     """
 
     label: str
@@ -25,6 +27,7 @@ class FitJob:
     setting: Setting | None = None
     warm: Fit | None = None
     iterations: int | None = None
+    judged: bool = False
 
 
 def fit_each(setting: Setting, warm: Fit, jobs: Sequence[FitJob], progress: Callable[[str], None]) -> list[Fit]:
@@ -41,7 +44,7 @@ def begin_each(
     if pool is None or not jobs:
         return lambda: _in_turn(settings, warm, jobs, progress)
     sent = [
-        pool.submit(_numbers, replace(own, pool=None, over=never), job.names, job.warm or warm, job.iterations)
+        pool.submit(_numbers, replace(own, pool=None, over=never), replace(job, setting=None, warm=job.warm or warm))
         for own, job in zip(settings, jobs, strict=True)
     ]
 
@@ -49,8 +52,7 @@ def begin_each(
         fits = []
         for own, job, future in zip(settings, jobs, sent, strict=True):
             progress(job.label)
-            parameters, normal, noise = future.result()
-            fits.append(Fit(Predictor(own.model(job.names), own.record), parameters, normal, noise))
+            fits.append(Fit(Predictor(own.model(job.names), own.record), *future.result()))
         pool.forget_old()
         return fits
 
@@ -67,10 +69,8 @@ def _in_turn(
     return done
 
 
-def _numbers(
-    setting: Setting, names: Sequence[str], warm: Fit, iterations: int | None
-) -> tuple[Array, Normal, ResidualNoise]:
+def _numbers(setting: Setting, job: FitJob) -> tuple[Array, Normal, ResidualNoise, Array | None]:
     """What a fit found, without the record it was found on."""
-    done = fit_names(setting, names, warm, iterations)
+    done = fit_names(setting, job.names, job.warm, job.iterations)
     done.held_out()  # asked for next, and kept
-    return done.parameters, done.normal, done.noise
+    return done.parameters, done.normal, done.noise, by_sampling(done) if job.judged else None
