@@ -9,7 +9,7 @@ checked again without it; what no longer earns its place is dropped.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from estimator.model.declared_vehicle import DECLARED, all_candidates
 from estimator.offline.fit.prediction_error import Fit
@@ -25,7 +25,7 @@ from estimator.offline.search.acceptance import (
 from estimator.offline.search.every_car import shows_a_real_car, with_every_car
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
-from estimator.offline.search.screening import open_candidates, screen
+from estimator.offline.search.screening import begin_screen, open_candidates, screen
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from estimator.offline.search.workers import FitJob, fit_each
 
@@ -172,14 +172,26 @@ class Greedy:
 
         `forms`: other forms of the effect count; they are no other finding.
         """
-        others, without = self.others(name)
-        own, possible = all_candidates()[name], open_candidates(self.setting, others)
-        apart = [e for e in possible if e.id != own.id or (forms and e.name != name)]
-        rivals = [e for e in apart if set(own.channels) & set(e.channels)]
-        best = next(iter(screen(self.setting, others, without, self.progress, rivals)), None)
+        found = self._in_place_of(name)
+        best = next((t for t in found if forms or all_candidates()[t.name].id != all_candidates()[name].id), None)
         if best is None or best.evidence.gain < share * self.gains[name].gain:
             return None
         return best.name
+
+    def _in_place_of(self, name: str) -> list[Trial]:
+        """What acts on a channel of an effect, beside the others, best first; of all effects screened side by side."""
+        assert self.checked is not None
+        if not self.checked.rivals:
+            begun = {n: self._begin_in_place_of(n) for n in self.names if n not in self.setting.found_road}
+            self.checked.rivals.update({n: rest() for n, rest in begun.items()})
+        return self.checked.rivals[name]
+
+    def _begin_in_place_of(self, name: str) -> Callable[[], list[Trial]]:
+        others, without = self.others(name)
+        channels = set(all_candidates()[name].channels)
+        possible = (e for e in open_candidates(self.setting, others) if e.name != name)
+        rivals = [e for e in possible if channels & set(e.channels)]
+        return begin_screen(self.setting, others, without, self.progress, rivals)
 
     def others(self, name: str) -> tuple[list[str], Fit]:
         """The other effects, and the fit of them alone."""
@@ -250,10 +262,14 @@ def with_effects(names: tuple[str, ...]) -> FitJob:
 
 @dataclass(frozen=True)
 class Checked:
-    """Accepted effects put to the test: the fit without each, and the evidence of each given all the others."""
+    """Accepted effects put to the test: the fit without each, and the evidence of each given all the others.
+
+    `rivals`: what acts where each does, screened in its place when first asked for.
+    """
 
     without: Mapping[str, Fit]
     gains: Mapping[str, Evidence]
+    rivals: dict[str, list[Trial]] = field(default_factory=dict, compare=False)
 
 
 def check_each(

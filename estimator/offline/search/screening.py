@@ -52,15 +52,30 @@ def screen(
     effects: Sequence[Effect],
 ) -> list[Trial]:
     """Predicted evidence of each of `effects` on part of the windows, best first, from linearisations there."""
+    return begin_screen(setting, accepted, current, progress, effects)()
+
+
+def begin_screen(
+    setting: Setting,
+    accepted: Sequence[str],
+    current: Fit,
+    progress: Callable[[str], None],
+    effects: Sequence[Effect],
+) -> Callable[[], list[Trial]]:
+    """The same, begun where `setting` has workers; what is returned does the rest."""
     setting, current = _thinned(setting, current)
     before, count = current.held_out(), SCREENING_STRIDE * current.normal.count
     alone = [e for e in effects if e.initial or e.profile]
     short = begin_each(setting, current, [_short_fit(accepted, e) for e in alone], progress)
-    trials, far = _screen_together(setting, accepted, [e for e in effects if e not in alone], current, before)
-    fits = [*short(), *fit_each(setting, current, [_short_fit(accepted, e) for e in far], progress)]
-    for effect, done in zip((*alone, *far), fits, strict=True):
-        trials.append(Trial(effect.name, compare(before, done.held_out(), count)))
-    return sorted(trials, key=lambda t: -t.evidence.gain)
+
+    def rest() -> list[Trial]:
+        trials, far = _screen_together(setting, accepted, [e for e in effects if e not in alone], current, before)
+        fits = [*short(), *fit_each(setting, current, [_short_fit(accepted, e) for e in far], progress)]
+        for effect, done in zip((*alone, *far), fits, strict=True):
+            trials.append(Trial(effect.name, compare(before, done.held_out(), count)))
+        return sorted(trials, key=lambda t: -t.evidence.gain)
+
+    return rest
 
 
 def _short_fit(accepted: Sequence[str], effect: Effect) -> FitJob:
