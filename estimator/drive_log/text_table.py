@@ -33,7 +33,7 @@ EMPTY = ("na", "n/a", "#n/a", "nan", "null", "none", "-", "--")
 DAY_S = 86_400.0
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?inf(?:inity)?", re.IGNORECASE)
 _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))\s*")
-_CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d+)?)")
+_CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)")
 
 
 @dataclass(frozen=True)
@@ -237,8 +237,13 @@ def _value(cell: str) -> float | None:
     try:
         return datetime.fromisoformat(cell.replace("Z", "+00:00")).timestamp()
     except ValueError:
-        clock = _CLOCK.fullmatch(cell)
-    return None if clock is None else 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3])
+        return seconds_of_day(cell)
+
+
+def seconds_of_day(cell: str) -> float | None:
+    """Of HH:MM:SS with either decimal mark; None for anything else."""
+    clock = _CLOCK.fullmatch(cell)
+    return None if clock is None else 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3].replace(",", "."))
 
 
 def _without_index(layout: _Layout, values: Array) -> list[int]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.drive_log.quantities import is_unit
-from estimator.drive_log.text_table import DAY_S, WrittenTable
+from estimator.drive_log.text_table import DAY_S, WrittenTable, seconds_of_day
 from hil_gateway.config import OriginConfig
 from hil_gateway.process.arrays import Array, Ints
 from hil_gateway.process.errors import InputError
@@ -71,7 +71,9 @@ def _row(path: Path, line: Line, names: Sequence[str]) -> list[float]:
 
 
 def _time_of_day(cell: str) -> float:
-    """HHMMSS.ss in s."""
+    """HHMMSS.ss or HH:MM:SS.ss in s."""
+    if (clock := seconds_of_day(cell)) is not None:
+        return clock
     whole = int(float(cell))
     return 3600.0 * (whole // 10_000) + 60.0 * (whole // 100 % 100) + whole % 100 + float(cell) % 1.0
 

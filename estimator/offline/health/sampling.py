@@ -9,8 +9,10 @@ import numpy as np
 from estimator.drive_log.smoothing import wiener
 from estimator.drive_log.table import DERIVABLE, REQUIRED, DriveLog
 from estimator.offline.health.finding import LogFinding
+from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
 
+MOTION = ("vx", "vy", "yaw_rate", "ax", "ay", "x", "y")
 JITTER_SHARE = 0.2
 """Time steps that deviate by more than this share of the median are worth a word."""
 
@@ -19,8 +21,8 @@ COARSE = 1.0
 
 
 def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
-    """Irregular time steps, gaps, and channels whose resolution hides their noise."""
-    return [*_jitter(log), *_gaps(log), *_quantised(log)]
+    """Irregular time steps, gaps, channels that are held over rows, and those whose resolution hides their noise."""
+    return [*_jitter(log), *_gaps(log), *_held(log), *_quantised(log)]
 
 
 def _inner_steps(log: DriveLog) -> np.ndarray:
@@ -45,6 +47,18 @@ def _gaps(log: DriveLog) -> list[LogFinding]:
     lost = sum(log["t"][b.start] - log["t"][a.stop - 1] for a, b in itertools.pairwise(segments))
     text = f"{len(segments) - 1} gaps, {lost:.3g} s in all; nothing is computed across them"
     return [LogFinding("gaps", "t", text, float(lost), 0.0, "s", 1.0)]
+
+
+def _held(log: DriveLog) -> list[LogFinding]:
+    """What moves the car and stays as it was in most rows comes more slowly than these, or in coarse steps."""
+    moving = (log["vx"] > moving_speed(log))[1:]
+    findings = []
+    for name in (n for n in MOTION if n in log and n not in log.derived and moving.any()):
+        share = float(np.mean(np.diff(log[name])[moving] == 0.0))
+        if share > 0.5:
+            text = f"{name} stays as it was in {100 * share:.0f} % of the rows: it is slower, or in coarse steps"
+            findings.append(LogFinding(f"held_{name}", name, text, share, 0.0, "1", 1.0))
+    return findings
 
 
 def _quantised(log: DriveLog) -> list[LogFinding]:

@@ -111,7 +111,13 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
             findings.append(finding)
             log = finding.repair(log) if finding.repair else log
     speed = chosen["vx"].unit if "vx" in chosen else SI["vx"]
-    for finding in (*_of_vy(log, vehicle, speed), *_of_positions(log), *_of_wheels(log, vehicle), *_percent(log)):
+    for finding in (
+        *_of_vy(log, vehicle, speed),
+        *_of_positions(log),
+        *_of_heading(log),
+        *_of_wheels(log, vehicle),
+        *_percent(log),
+    ):
         findings.append(finding)
         log = finding.repair(log) if finding.repair else log
     return [*findings, *_beyond(log)]
@@ -350,6 +356,25 @@ def _of_positions(log: DriveLog) -> list[LogFinding]:
         "x, y turn left where yaw_rate turns right: give with --columns the sign of y, or of vy, yaw_rate, ay and steer"
     )
     return [LogFinding("mirrored_y", "y", text, relation.ratio, 0.0, "1", relation.correlation)]
+
+
+def _of_heading(log: DriveLog) -> list[LogFinding]:
+    """A yaw that counts from another axis than x: a compass begins in the north. Quarters of a turn, by positions."""
+    moving = log["vx"] > moving_speed(log)
+    if not {"x", "y", "yaw"} <= log.columns.keys() or not moving.any():
+        return []
+    east, north = (derivative(log["t"], log[name], log.segment) for name in ("x", "y"))
+    off = np.mean(np.exp(1j * (np.arctan2(north, east) - np.arctan2(log["vy"], log["vx"]) - log["yaw"]))[moving])
+    quarters = round(float(np.angle(off)) / (0.5 * math.pi))
+    if quarters == 0 or abs(off) < MIN_CORRELATION:
+        return []
+    what = f"counts from {90 * quarters:+d} deg of x"
+
+    def repair(log: DriveLog) -> DriveLog:
+        return log.with_columns({"yaw": log["yaw"] + 0.5 * math.pi * quarters}, f"yaw {what}: turned by as much")
+
+    text, sure = f"yaw {what}, by the direction in which x, y move", float(abs(off))
+    return [LogFinding("axis_yaw", "yaw", text, 0.5 * math.pi * quarters, 0.0, "rad", sure, Action.CONVERTED, repair)]
 
 
 def _of_wheels(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:

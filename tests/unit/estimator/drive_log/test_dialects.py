@@ -121,6 +121,9 @@ def test_times_of_day_and_dates_become_seconds(tmp_path: Path) -> None:
     for data in (stamped(clock), stamped(lambda t: f"2026-11-09T15:{int(t) // 60:02d}:{t % 60:06.3f}")):
         log = read(tmp_path / "a.csv", data)
         assert np.allclose(log["t"] - log["t"][0], DRIVE["t"] - DRIVE["t"][0], atol=2e-3)
+        german = data.replace(b",", b";").replace(b".", b",")
+        if b"T15" not in data:
+            assert np.array_equal(read(tmp_path / "b.csv", german)["t"], log["t"])
 
 
 @pytest.mark.parametrize("nothing", ["", "nan", "NA", "#N/A"])
@@ -260,6 +263,9 @@ def test_vbo_is_read_with_its_own_units_and_frame(tmp_path: Path) -> None:
     for axis in ("x", "y"):
         moved = log[axis] - log[axis][0] - (DRIVE[axis][:n] - DRIVE[axis][0])
         assert np.abs(moved).max() < 0.01 * np.ptp(DRIVE[axis])
+    by_colons = f"\n{rows}\n".replace("\n1506", "\n15:06:")
+    (tmp_path / "b.vbo").write_text(f"{head}\n\n[data]{by_colons}")
+    assert np.allclose(read_log(tmp_path / "b.vbo")["t"], log["t"], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -203,6 +203,19 @@ def test_positions_that_turn_against_the_motion_are_told_and_left(hand: float) -
     assert np.array_equal(report.log["y"], hand * place.imag)
 
 
+def test_a_compass_heading_in_degrees_becomes_the_yaw_of_the_map() -> None:
+    track = np.cumsum(0.01 * np.exp(1j * COLUMNS["yaw"]) * (COLUMNS["vx"] + 1j * COLUMNS["vy"]))
+    compass = (90.0 - np.degrees(COLUMNS["yaw"])) % 360.0
+    report = examine(_log(x=track.real, y=track.imag, yaw=compass), VEHICLE)
+    assert np.abs(np.exp(1j * report.log["yaw"]) - np.exp(1j * COLUMNS["yaw"])).max() < 1e-6
+    assert {"unit_yaw", "axis_yaw"} <= {f.name for f in report.findings}
+
+
+def test_a_speed_held_over_rows_is_said() -> None:
+    held = COLUMNS["vx"][np.arange(len(COLUMNS["vx"])) // 10 * 10]
+    assert "90 % of the rows" in _only(_log(vx=held), "held_vx").description  # type: ignore[attr-defined]
+
+
 def test_wheel_speeds_in_kmh_and_throttle_in_percent_are_found() -> None:
     log = _log(wheel_speed_fl=3.6 * COLUMNS["vx"], throttle=50.0 + 50.0 * np.sin(COLUMNS["t"]))
     names = {f.name for f in examine(log, VEHICLE).findings}
