@@ -102,6 +102,35 @@ def test_no_constant_or_default_is_called_as_an_entry_of_a_car() -> None:
     assert found == []
 
 
+OF_EVERY_CAR = {
+    "PRESSED": "hydraulic brakes", "TORQUE_MAX": "a slip of a digit", "LIGHTEST": "wheels of race cars",
+    "AIR_PA": "the atmosphere", "READS_PA": "the atmosphere", "MOST_PA": "race tyres",
+    "SWITCH": "rounds a change of sign",
+}  # fmt: skip
+"""constants with a unit of mass, force, pressure, torque or power -> whose they are, if not one car's"""
+
+
+def described(path: Path) -> Iterator[tuple[int, str, str]]:
+    """(line, name, text after it) of every constant of a module that is a number."""
+    body = tree(path).body
+    for node, after in zip(body, [*body[1:], ast.Pass()], strict=True):
+        if isinstance(node, ast.Assign) and any(isinstance(n, ast.Constant) for n in ast.walk(node.value)):
+            said = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) and str(after.value.value)
+            names = [n.id for target in node.targets for n in ast.walk(target) if isinstance(n, ast.Name)]
+            yield from ((node.lineno, name, said or "") for name in names)
+
+
+def test_no_mass_force_pressure_or_power_of_one_car_is_a_constant() -> None:
+    unit = re.compile(r"^(Pa|kPa|MPa|N|kN|N m|kg m2|kg|W|kW|V|rad at the motor)\b")
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {name}"
+        for path in OUTSIDE
+        for line, name, said in described(path)
+        if unit.match(said) and name not in OF_EVERY_CAR
+    ]
+    assert found == []
+
+
 def test_no_signal_of_a_dbc_is_named() -> None:
     ours = {*REPORTS, *COMMANDS, *IMU, *RECEIVER, *TYRE, *SIGNALS}
     theirs = {s.name for p in platforms() for m in load_codec(p).messages.values() for s in m.signals} - ours
