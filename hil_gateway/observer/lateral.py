@@ -32,6 +32,7 @@ from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.observer.bank import FILTERS, GATE, SIGNS, Bank
 from hil_gateway.observer.kalman_step import step_function
+from hil_gateway.observer.numbers import Sensing, given, numbers_of
 from hil_gateway.process.arrays import Array, Expr
 from hil_gateway.process.compiled import CompiledFunction
 
@@ -85,12 +86,12 @@ class LateralNoise:
     less"""
     slip_s: float = 0.3
     """its time constant: brakes and throttle move as fast"""
-    wheels: float = 0.035
-    """rad/s a sample of an axle: steps of 0.1 km/h on both sides, tread"""
-    gyro: float = 0.004
-    """rad/s a sample: noise of the sensor, vibration"""
-    ay: float = 0.5
-    """m/s2 a sample: noise, roll of the body behind the filter of the sensor (0.05 s)"""
+    wheels: float = 0.025
+    """rad/s a sample of an axle: tread"""
+    gyro: float = 0.0036
+    """rad/s a sample: vibration"""
+    ay: float = 0.49
+    """m/s2 a sample: roll of the body behind the filter of the sensor (0.05 s)"""
     yaw_walk: float = 0.08
     """rad/s, per square root of a second: gusts, kerbs"""
     side_walk: float = 0.15
@@ -144,10 +145,8 @@ class Turning:
     judged = 2
     signs: Sequence[tuple[float, ...]] = tuple(signs[:2] for signs in SIGNS)
 
-    def __init__(self, car: Vehicle, imu: tuple[Expr, Expr], period: LateralPeriod) -> None:
-        """`imu`: deviations of its turn, rad, and of its place ahead, m."""
-        self.car, self.u = car, period
-        self._turn_of_imu, self._ahead_of_imu = imu
+    def __init__(self, car: Vehicle, sensing: Sensing, period: LateralPeriod) -> None:
+        self.car, self.u, self._sensing = car, period, sensing
         self._along = ca.fmax(period.braking, period.pushing)
         self._pressed = self.car.pressed(period.speed)
 
@@ -188,9 +187,10 @@ class Turning:
 
     def variances(self, x: Expr) -> tuple[Expr, ...]:
         """An IMU that is turned or ahead of its place feels other forces, too."""
-        n = NOISE
-        ay = n.ay**2 + (self._turn_of_imu * self._along) ** 2 + (self._ahead_of_imu * self._turning(x)) ** 2
-        return n.wheels**2, n.wheels**2, n.slide**2 * n.slide_s / self.u.dt, n.gyro**2, ay
+        n, s = NOISE, self._sensing
+        wheels = [n.wheels**2 + 2.0 * (s.wheel / track) ** 2 for track in (self.car.track_front, self.car.track_rear)]
+        ay = n.ay**2 + s.force**2 + (s.turn * self._along) ** 2 + (s.ahead * self._turning(x)) ** 2
+        return *wheels, n.slide**2 * n.slide_s / self.u.dt, n.gyro**2 + s.rate**2, ay
 
     def _saturation(self, x: Expr) -> tuple[Expr, Expr]:
         """tanh(alpha / s) of both axles."""
@@ -227,19 +227,14 @@ def rates_of_wheels(wheels: tuple[float, float, float, float], steer: float, car
 
 def lateral_bank(car: Car) -> Bank:
     """Filters of `Turning`."""
-    imu = next(iter(car.imus))
-    numbers = *car.vehicle.model_dump().values(), car.std(f"imu.{imu}.yaw"), car.std(f"imu.{imu}.x")
-    return Bank(_function().twin(), numbers, prior(car), FAST, Turning.judged)
+    return Bank(_function().twin(), numbers_of(car), prior(car), FAST, Turning.judged)
 
 
 @cache
 def _function() -> CompiledFunction:
     """For all cars: their numbers are given with the period."""
-    reported, names = len(LateralPeriod._fields), list(Vehicle.model_fields)
-    given = ca.SX.sym("given", reported + len(names) + 2)
-    period, (*car, yaw, ahead) = _entries(given)[:reported], _entries(given)[reported:]
-    vehicle = Vehicle.model_construct(**dict(zip(names, car, strict=True)))
-    return step_function("lateral", Turning(vehicle, (yaw, ahead), LateralPeriod(*period)), given, GATE, FILTERS)
+    g = given(len(LateralPeriod._fields))
+    return step_function("lateral", Turning(g.vehicle, g.sensing, LateralPeriod(*g.period)), g.all, GATE, FILTERS)
 
 
 def _entries(vector: Expr) -> list[Any]:

@@ -20,6 +20,7 @@ from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.observer.bank import FILTERS, GATE, SIGNS, Bank
 from hil_gateway.observer.kalman_step import step_function
+from hil_gateway.observer.numbers import Sensing, given, numbers_of
 from hil_gateway.process.arrays import Array, Expr
 from hil_gateway.process.compiled import CompiledFunction
 
@@ -62,10 +63,10 @@ class LongitudinalNoise:
     gravity: float = 0.5
     """m/s2: grades of 5 % that the map lacks; side slip of 1 m/s at 0.5 rad/s"""
     gravity_s: float = 5.0
-    wheels: float = 0.1
-    """m/s a sample: steps of 0.1 km/h, tread, the turn of the car"""
-    ax: float = 0.5
-    """m/s2 a sample: noise, pitch of the body"""
+    wheels: float = 0.096
+    """m/s a sample: tread, the turn of the car"""
+    ax: float = 0.49
+    """m/s2 a sample: pitch of the body"""
     slow_walks: tuple[float, float, float] = (0.01, 0.01, 0.02)
     """of gains and offset, per square root of a second"""
 
@@ -92,8 +93,8 @@ class Speeding:
     judged = 1
     signs: Sequence[tuple[float, ...]] = tuple(signs[2:] for signs in SIGNS)
 
-    def __init__(self, car: Vehicle, period: LongitudinalPeriod) -> None:
-        self.u = period
+    def __init__(self, car: Vehicle, sensing: Sensing, period: LongitudinalPeriod) -> None:
+        self.u, self._sensing = period, sensing
         self._drag = 0.5 * car.air_density * car.drag_area / car.mass
 
     def after(self, x: Expr) -> Expr:
@@ -124,7 +125,7 @@ class Speeding:
 
     def variances(self, x: Expr) -> tuple[Expr, ...]:
         """Of one sample."""
-        return NOISE.wheels**2, NOISE.ax**2
+        return NOISE.wheels**2 + self._sensing.wheel**2, NOISE.ax**2 + self._sensing.force**2
 
     def _force(self, x: Expr) -> Expr:
         """a_x, m/s2."""
@@ -133,17 +134,15 @@ class Speeding:
 
 def longitudinal_bank(car: Car) -> Bank:
     """Filters of `Speeding`."""
-    return Bank(_function().twin(), [*car.vehicle.model_dump().values()], prior(car), FAST, Speeding.judged)
+    return Bank(_function().twin(), numbers_of(car), prior(car), FAST, Speeding.judged)
 
 
 @cache
 def _function() -> CompiledFunction:
     """For all cars: their numbers are given with the period."""
-    reported, names = len(LongitudinalPeriod._fields), list(Vehicle.model_fields)
-    given = ca.SX.sym("given", reported + len(names))
-    period, car = _entries(given)[:reported], _entries(given)[reported:]
-    vehicle = Vehicle.model_construct(**dict(zip(names, car, strict=True)))
-    return step_function("longitudinal", Speeding(vehicle, LongitudinalPeriod(*period)), given, GATE, FILTERS)
+    g = given(len(LongitudinalPeriod._fields))
+    period = LongitudinalPeriod(*g.period)
+    return step_function("longitudinal", Speeding(g.vehicle, g.sensing, period), g.all, GATE, FILTERS)
 
 
 def _entries(vector: Expr) -> list[Any]:
