@@ -20,8 +20,8 @@ from hil_gateway.gateway.decide.arming import of_another_drive, unready
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import ladder_inputs
+from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.inbox import ESTIMATE_MAX_S, usable
-from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil_gateway.gateway.perceive.monitors.duration import UNSEEN_S
+from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S

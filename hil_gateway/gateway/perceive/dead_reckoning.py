@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import Course
+from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
-from hil_gateway.gateway.perceive.monitors.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.clock import NS_PER_S

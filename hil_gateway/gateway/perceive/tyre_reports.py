@@ -7,7 +7,7 @@ import math
 from can_dbc.quantities import WHEELS
 from hil_gateway.bus.topics import TYRES
 from hil_gateway.bus.tyres import Tyres
-from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
+from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 
 AIR_PA = 101_325.0

@@ -11,7 +11,7 @@ import numpy as np
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
-from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
+from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.motion import periods_late
 from hil_gateway.process.arrays import Array
 

@@ -11,8 +11,8 @@ from collections import deque
 from typing import NamedTuple
 
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
+from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.gyro_repair import APART
-from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 
 LATERAL = 7.0
 """m/s2: side slip that builds up, lag of the course"""

@@ -11,11 +11,11 @@ from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
 from hil_gateway.gateway.perceive.inbox import usable
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
-from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor

@@ -13,7 +13,7 @@ from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import apart_at_most
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.duration import UNSEEN_S, ConditionTime
+from hil_gateway.gateway.perceive.duration import UNSEEN_S, ConditionTime
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.process.clock import NS_PER_S
 

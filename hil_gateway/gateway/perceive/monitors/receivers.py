@@ -18,7 +18,7 @@ import numpy as np
 
 from hil_gateway.car.car import Car, Receiver
 from hil_gateway.config import OriginConfig
-from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
+from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.arrays import Array

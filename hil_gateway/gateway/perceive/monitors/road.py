@@ -6,7 +6,7 @@ import math
 
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
+from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.track.track import Track
 
 BEYOND = 0.5

@@ -8,7 +8,7 @@ from collections import deque
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
+from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.motion import RADII_MOST, ROLLING
 from hil_gateway.settings.gateway import PERIOD_S
 

@@ -10,7 +10,7 @@ from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
-from hil_gateway.gateway.perceive.monitors.duration import UNSEEN_S
+from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.motion import Motion
 
 TICK_NS = 10_000_000
