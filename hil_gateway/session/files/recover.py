@@ -61,7 +61,10 @@ def recover(
     count = pending = 0
     attached = config_of(reader.metadata.get(METADATA_SESSION, {})).car.files() if reader.ours else {}
     options: Any = {"further": further, "foreign": foreign, "attached": attached}
-    with output_file(target, source) as path, SessionFile(path, {}, **options) as file:
+    begun = dict(reader.metadata)
+    """what stands before the messages, and tells how to read them"""
+    ahead = {name: metadata(name, values) for name, values in begun.items()}
+    with output_file(target, source) as path, SessionFile(path, ahead, **options) as file:
         for item in chain((first,), items):
             file.open(item.stream)
             file.add(item.topic, data(item), item.log_ns, item.publish_ns, item.sequence)
@@ -72,5 +75,6 @@ def recover(
                 file.flush()
                 pending = 0
         for name, values in reader.metadata.items():
-            file.add_metadata(name, metadata(name, values))
+            if begun.get(name) != values:
+                file.add_metadata(name, metadata(name, values))
     return Recovered(count, tuple(map(str, reader.damage)))

@@ -20,6 +20,7 @@ from hil_gateway.cli.main import app
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.day.index import INDEX, read_day, read_in_turn
 from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.files.recover import recover
 from hil_gateway.session.files.writer import SessionFile
 from hil_gateway.track.loading import load_track
 
@@ -145,6 +146,15 @@ def test_a_shared_day_opens_elsewhere_and_names_no_folder_of_this_computer(folde
         assert str(tmp_path).encode() not in content
     with ZipFile(out) as archive:
         assert not [name for name in archive.namelist() if name.startswith("/") or ".." in name]
+
+
+def test_a_copy_says_on_which_track_it_was_driven_before_what_was_driven(tmp_path):
+    """Whoever reads on from the beginning would take another track for it, and find no laps."""
+    source, copy = write(tmp_path / "one" / "session.mcap", 0.0, 0.01, "A1", "oval"), tmp_path / "copy.mcap"
+    recover(source, copy)
+    reader = SessionReader(copy)
+    next(reader.items())
+    assert json.loads(reader.metadata["session"]["config"])["track"] == "oval"
 
 
 def test_what_is_no_shared_day_is_refused(tmp_path):
