@@ -171,7 +171,7 @@ class Gateway:
 
     def _perceive(self, now_ns: int, state: VehicleState, before: Decision) -> tuple[Motion, Pose | None, Measures]:
         """How the car moves and where it is, by the sources that fit each other, and what the monitors measure."""
-        late_ns = self._read_lateness()
+        late_ns = self._read_lateness(now_ns)
         motion, pose, monitored = self._perceive_as_of(now_ns - late_ns, now_ns, state, before)
         if motion.speed == 0.0 or not before.stopping:
             self._lateness.forget()
@@ -180,10 +180,10 @@ class Gateway:
             motion, pose = brought_up(motion, pose, state.ax, turned, late_ns / NS_PER_S)
         return motion, pose, monitored
 
-    def _read_lateness(self) -> int:
+    def _read_lateness(self, now_ns: int) -> int:
         """How late the frames of this period are, ns; what was reckoned while they waited is taken back, once."""
         paused, was_late = self._lateness.pauses, self._lateness.late_ns
-        late_ns = self._lateness.step()
+        late_ns = self._lateness.step(now_ns)
         if self._lateness.pauses and not paused:
             self._before_pause = self._reckoned()
         if late_ns and not was_late:

@@ -120,7 +120,7 @@ def test_nothing_but_race_control_and_brakes_is_said_before_arming(gateway: Gate
         rows = dumped(gateway.channel, 0.5)
     from_us = {frame_id for _, frame_id, _ in rows} - {PEER.get_message_by_name(name).frame_id for name in REPORTS}
     assert from_us <= {0x57C, 0x57D, 0x57E, 0x5AA} | ACTUATORS
-    assert decoded(rows, "brake_pressure_cmd")[-1]["F_brake_pressure_cmd"] == 2000
+    assert decoded(rows, "brake_pressure_cmd")[-1]["F_brake_pressure_cmd"] == 2145, "half of its weight by each axle"
     assert other_than_brakes((frame_id, data) for _, frame_id, data in rows if frame_id in ACTUATORS) == []
     assert len(rows) > 50
 

@@ -28,8 +28,10 @@ class Lateness:
         layout = self._clock.layout if self._clock is not None else None
         self._period_ns = round(layout.period_s * NS_PER_S) if layout is not None else 0
         self._modulus = layout.counter.modulus if layout is not None and layout.counter is not None else 1
-        self._newest_ns = self._since_ns = 0
-        """when frames last came, and when the silence began after which the clock is read"""
+        self._newest_ns = self._heard_ns = self._since_ns = 0
+        """stamp of the newest frames; since when nothing more would be a silence; when the one began after which the
+        clock is read"""
+        self._read_ns = 0
         self._count: int | None = None
         self._advanced = 0
         """frames of the clock since then"""
@@ -37,18 +39,22 @@ class Lateness:
         self.pauses = False
         """whether no frame has come since the period before"""
 
-    def step(self) -> int:
+    def step(self, now_ns: int) -> int:
         """How late the newest frames are, ns; 0: in time."""
         newest_ns, count = self._builder.newest_ns, self._clock.counter if self._clock is not None else None
-        silent = self.pauses and newest_ns - self._newest_ns > SILENT_S * NS_PER_S
+        held_up, self._read_ns = now_ns - self._read_ns > SILENT_S * NS_PER_S, now_ns
+        silent = not held_up and newest_ns - self._heard_ns > SILENT_S * NS_PER_S
         self.pauses = newest_ns == self._newest_ns
-        if silent and not self._since_ns and self._count is not None:
-            self._since_ns, self._advanced = self._newest_ns, 0
+        if held_up:
+            self.forget()
+        elif silent and not self._since_ns and self._count is not None:
+            self._since_ns, self._advanced = self._heard_ns, 0
         if self._since_ns and count != self._count and count is not None and self._count is not None:
             self._advanced += (count - self._count) % self._modulus
             self.late_ns = newest_ns - self._since_ns - self._advanced * self._period_ns
             if self.late_ns < LEAST_S * NS_PER_S:
                 self.forget()
+        self._heard_ns = now_ns if held_up else self._heard_ns if self.pauses else newest_ns
         self._newest_ns, self._count = newest_ns, count
         return self.late_ns
 

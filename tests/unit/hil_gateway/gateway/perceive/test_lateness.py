@@ -43,7 +43,7 @@ class Bus:
         for frame in due:
             self._link.send(*frame)
         self.rig.gateway.step(self.rig.now_ns)
-        late_ns = self.late.step()
+        late_ns = self.late.step(self.rig.now_ns)
         self.rig.clock.advance(PERIOD_NS)
         self.rig.tick += 1
         return late_ns
@@ -80,14 +80,19 @@ def test_frames_that_come_all_at_once_afterwards_have_caught_up(bus):
     assert not any(bus.periods(3 * SILENT)[1:])
 
 
-def test_a_reader_that_was_held_up_together_with_the_car_finds_nothing_late():
-    """As in a simulation of which all processes sleep."""
+@pytest.mark.parametrize("first", [True, False], ids=["reader first", "car first"])
+def test_a_reader_that_was_held_up_together_with_the_car_finds_nothing_late(first):
+    """As in a simulation of which all processes sleep; the reader may be awake a period before the car."""
     rig = Rig()
     rig.drive = 0.3
     rig.drive_off(8.0)
     rig.clock.advance(100 * PERIOD_NS)
+    if first:
+        rig.gateway.step(rig.now_ns)
+        rig.clock.advance(PERIOD_NS)
     rig.run(0.05)
     assert rig.action is FailsafeAction.EMERGENCY_STOP
+    assert rig.gateway.speed == pytest.approx(rig.car.speed, abs=3.0)
     assert abs(rig.gateway._dead_reckoning.pose.x - rig.car.x) < 1.0
 
 
