@@ -18,7 +18,7 @@ import numpy as np
 
 from hil_gateway.car.car import Car, Receiver
 from hil_gateway.config import OriginConfig
-from hil_gateway.gateway.perceive.duration import ConditionTime
+from hil_gateway.gateway.perceive.duration import UNSEEN_S, ConditionTime
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.arrays import Array
@@ -73,10 +73,12 @@ class _Line:
         self._seq = 0
 
     def take(self, fixes: Fixes) -> None:
-        """The fix of this period, if one came."""
+        """The fix of this period, if one came; across a gap there is no line."""
         if fixes.seq != self._seq:
-            self._seq = fixes.seq
-            self._fixes.append((fixes.stamp_ns / NS_PER_S, fixes.x, fixes.y))
+            self._seq, t = fixes.seq, fixes.stamp_ns / NS_PER_S
+            if self._fixes and t - self._fixes[-1][0] > UNSEEN_S:
+                self._fixes.clear()
+            self._fixes.append((t, fixes.x, fixes.y))
 
     @property
     def velocity(self) -> tuple[float, float]:

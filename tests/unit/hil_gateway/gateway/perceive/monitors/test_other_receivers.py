@@ -68,9 +68,10 @@ def drive(
     lost_s: float = math.inf,
     on_s: float = 0.0,
     along: float = 0.0,
+    asleep_s: float = 0.0,
 ) -> tuple[float | None, tuple[float, float], tuple[float, float]]:
     """As `noticed_s`, and how far the fixes lie from the car `on_s` later by the receivers, which no longer learn, and
-    in truth, m in the map."""
+    in truth, m in the map. A fifth of the way through, gateway and car sleep for `asleep_s`."""
     at_speed, radius = bend
     found_s: float | None = None
     noise, place = Noise(seed), {"x": radius, "y": 0.0}
@@ -78,6 +79,7 @@ def drive(
     reports, others, way = Reports(), OtherReceivers(CAR, ORIGIN), 0.0
     for tick in range(round(20 * seconds)):
         now_ns, speed = tick * FIX_NS, 0.0 if tick < 100 else at_speed
+        now_ns += round(asleep_s * NS_PER_S) if tick > 4 * seconds else 0
         way += 0.05 * speed / radius
         place["x"], place["y"] = radius * math.cos(way), radius * math.sin(way)
         since_s = max(0.05 * tick - 0.5 * seconds, 0.0)
@@ -109,6 +111,12 @@ def test_a_drift_of_half_a_metre_a_second_is_noticed_within_2_5_s(seed: int, out
 @pytest.mark.parametrize("seed", range(3))
 def test_receivers_that_wander_blame_no_fix(seed: int) -> None:
     assert noticed_s(300.0, 0.0, BOTH, seed) is None
+
+
+@pytest.mark.parametrize("asleep_s", [1.5, 5.0])
+def test_what_was_under_way_when_gateway_and_car_slept_teaches_nothing(asleep_s: float) -> None:
+    apart = [drive(40.0, 0.0, BOTH, on_s=0.0, asleep_s=s)[1] for s in (asleep_s, 0.0)]
+    assert math.dist(*apart) < 0.05
 
 
 def test_one_receiver_alone_blames_no_fix() -> None:
