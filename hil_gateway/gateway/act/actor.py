@@ -44,7 +44,7 @@ class Actor:
     def __init__(self, config: Config, codec: Codec, link: CanLink, actuation: Actuation, track: Track | None) -> None:
         self._actuation, car = actuation, config.declared_car
         self._full_steering = car.actuators.steering_range * car.vehicle.steering_ratio
-        self._hold_pressure = config.declared_car.hold_pressure
+        self._hold_pressure = car.hold_pressure
         self._hill = HillStart(self._hold_pressure) if config.gateway.hold else None
         self._testing = config.gateway.mode == "actuator_test"
         self._transmits = config.gateway.mode in ("armed", "actuator_test")

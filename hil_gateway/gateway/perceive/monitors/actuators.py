@@ -92,7 +92,7 @@ class _StandingSteering:
 
 
 class FollowingMonitor:
-    """Reported positions within the commands of the last time; reports that are invalid say nothing of actuators."""
+    """Reported positions within the commands of a window; reports that are invalid say nothing of actuators."""
 
     def __init__(self, car: Car) -> None:
         self._of = _steering(car)
@@ -183,12 +183,13 @@ class ReversedMonitor:
 
 
 class AccelerationMonitor:
-    """Longitudinal specific force against the force commanded for some time: dead brakes, a stuck throttle, or an
+    """Longitudinal specific force against the force commanded for a window: dead brakes, a stuck throttle, or an
     IMU that says nothing."""
 
     def __init__(self, car: Car) -> None:
         self._per_pa = car.powertrain.brake_force_per_pa / car.vehicle.mass
-        self._commands: deque[ActuatorPositions] = deque(maxlen=_steering(car).window)
+        self._window = _steering(car).window
+        self._commands: deque[ActuatorPositions] = deque(maxlen=self._window)
         self._held = ConditionTime()
 
     def step(self, now_ns: int, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> float:
@@ -197,7 +198,7 @@ class AccelerationMonitor:
             self._commands.clear()
             return self._held.update(False, now_ns)
         self._commands.append(commanded)
-        if len(self._commands) < (self._commands.maxlen or 0):
+        if len(self._commands) < self._window:
             return self._held.update(False, now_ns)
         pushed = state.ax > PUSHED and all(c.accelerator == 0.0 for c in self._commands)
         return self._held.update(pushed or self._unbraked(state.ax), now_ns)
