@@ -34,7 +34,7 @@ LEAST_ANGLE = 0.004
 LEAST_POSITION, LEAST_STD = 0.1, 5.0
 """share of the wheelbase; standard deviations of either estimate, which know nothing of what the equations lack"""
 
-PRESSED = (0.0, 0.5, 1.0, 2.0)
+DOWNFORCES = (0.0, 0.5, 1.0, 2.0)
 """Downforce at the log's largest speed over the weight: none, and up to that of an IndyCar at 85 m/s"""
 
 
@@ -76,7 +76,7 @@ def sensor_of_vy(log: DriveLog, vehicle: Vehicle) -> tuple[Array, Array] | None:
         return None
     slip, fast = vx * samples["ay"], (vx / vx.max()) ** 2
     free = [yaw_rate, vx, np.ones_like(vx), vx * samples["yaw_acc"], slip * samples["ay"] ** 2]
-    tried = [np.stack([*free, slip / (1.0 + share * fast)], axis=1)[gentle] for share in PRESSED]
+    tried = [np.stack([*free, slip / (1.0 + share * fast)], axis=1)[gentle] for share in DOWNFORCES]
     best = min(tried, key=lambda X: float(np.linalg.lstsq(X, vy[gentle], rcond=None)[1].sum()))
     whole, spread = jackknifed(best, vy[gentle])
     whole[0] -= vehicle.lr
