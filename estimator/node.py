@@ -257,6 +257,7 @@ def belief_message(model: ModelInUse, stamp_ns: int, seq: int) -> Belief:
 def run(config: Config) -> None:
     """Run the process until SIGINT or SIGTERM."""
     from hil_gateway.bus.zenoh_bus import open_bus
+    from hil_gateway.process.journal import Journal
     from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
     from hil_gateway.process.scheduling import punctual
 
@@ -267,10 +268,11 @@ def run(config: Config) -> None:
     arrivals = Arrivals(round(NS_PER_S / topics.VEHICLE_STATE.rate_hz))
     notice = SilenceNotice("vehicle state", config.zenoh.connect, clock.now_ns())
     try:
-        while not stopped():
-            now_ns = clock.now_ns()
-            arrived = estimator.step(now_ns)
-            notice.step(now_ns, estimator.received)
-            clock.sleep_until(arrivals.next_look_ns(now_ns, arrived))
+        with Journal():
+            while not stopped():
+                now_ns = clock.now_ns()
+                arrived = estimator.step(now_ns)
+                notice.step(now_ns, estimator.received)
+                clock.sleep_until(arrivals.next_look_ns(now_ns, arrived))
     finally:
         bus.close()

@@ -14,6 +14,7 @@ from hil_gateway.bus.track_day.run import RunPhase, RunStatus
 from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock, wait_for
+from hil_gateway.process.journal import Journal
 from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
 from hil_gateway.process.scheduling import punctual, use_large_pages
 
@@ -37,14 +38,15 @@ def run(config: Config) -> None:
     """when an estimate is due that a plan begins from"""
     notice = SilenceNotice("estimate", config.zenoh.connect, due_ns)
     try:
-        while not stop():
-            planner.prepare(clock.now_ns())
-            if wait_for(clock, lambda: planner.has_news(clock.now_ns()), due_ns + HALF_ESTIMATE_NS):
-                due_ns = clock.now_ns()
-            plan = planner.plan(clock.now_ns())
-            notice.step(clock.now_ns(), received=plan is not None)
-            due_ns = max(due_ns + period_ns, clock.now_ns())
-            clock.sleep_until(due_ns - HALF_ESTIMATE_NS)
+        with Journal():
+            while not stop():
+                planner.prepare(clock.now_ns())
+                if wait_for(clock, lambda: planner.has_news(clock.now_ns()), due_ns + HALF_ESTIMATE_NS):
+                    due_ns = clock.now_ns()
+                plan = planner.plan(clock.now_ns())
+                notice.step(clock.now_ns(), received=plan is not None)
+                due_ns = max(due_ns + period_ns, clock.now_ns())
+                clock.sleep_until(due_ns - HALF_ESTIMATE_NS)
     finally:
         planner.store_limits()
         bus.close()

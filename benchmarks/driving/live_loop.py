@@ -77,6 +77,12 @@ class LiveLoop:
         """Start one process, perhaps again."""
         self.supervisors[name].start(self.specs[name].stage)
 
+    def start_missing(self) -> None:
+        """Start again what ended by itself, as systemd would."""
+        for name, supervisor in self.supervisors.items():
+            if name not in supervisor.pids:
+                self.start(name)
+
     def pid(self, name: str) -> int:
         return self.supervisors[name].pids[name]
 

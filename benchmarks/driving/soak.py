@@ -129,6 +129,7 @@ def trial(loop: LiveLoop, loss: Loss, phase: str, rng: random.Random) -> Outcome
     loop.judge.faults.clear()
     loss.happen(loop, rng)
     action, cause, died = loop.action, loop.cause, tuple(loop.died())
+    loop.start_missing()
     begin = time.monotonic()
     again = loop.drives_off(AGAIN_S)
     outcome = Outcome(

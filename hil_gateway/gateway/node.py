@@ -15,10 +15,11 @@ from hil_gateway.bus.zenoh_bus import HUB, open_bus
 from hil_gateway.can_link import open_link
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
-from hil_gateway.gateway.events.log import EventLog, to_journal
+from hil_gateway.gateway.events.log import EventLog, journal_line
 from hil_gateway.gateway.period import ANSWER_NS, LATEST_NS, next_period
 from hil_gateway.gateway.running import announced
 from hil_gateway.process.clock import NS_PER_S, SystemClock, wait_for
+from hil_gateway.process.journal import Journal
 from hil_gateway.process.lifecycle import StopRequest
 from hil_gateway.process.processor_wait import describe_load
 from hil_gateway.process.scheduling import punctual
@@ -42,14 +43,15 @@ def run(config: Config) -> None:
         raise
     gateway = Gateway(config, bus, link, track, describe_load)
     ending = OrderlyEnd(gateway, config.gateway.stop.controlled_deceleration)
-    events, notify = EventLog(bus, to_journal), Notifier()
+    journal, notify = Journal(), Notifier()
+    events = EventLog(bus, lambda event: journal.say(journal_line(event)))
     punctual("gateway")
     gc.freeze()  # what start-up allocated is never collected: shorter pauses
     clock = SystemClock()
     due_ns = clock.now_ns()
     notify.send("READY=1")
     try:
-        with announced(config):
+        with journal, announced(config):
             while not ending.over(clock.now_ns(), stopped.count):
                 began_ns = clock.now_ns()
                 gateway.observe(began_ns)

@@ -23,6 +23,8 @@ class Loop:
 
     def look(self, _: float = 0.0) -> None: ...
 
+    def start_missing(self) -> None: ...
+
     def died(self) -> list[str]:
         return self.gone
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -63,7 +62,7 @@ class EventLog:
         return any(len(recent) >= most and now_ns - recent[-most] < within_ns for most, within_ns in limits)
 
 
-def to_journal(event: Event) -> None:
-    """One line on standard error, with the level systemd's journal sorts by where it listens."""
+def journal_line(event: Event) -> str:
+    """An event as one line of the journal, with the level systemd sorts by where it listens."""
     level = f"<{JOURNAL_LEVEL[event.severity]}>" if "JOURNAL_STREAM" in os.environ else ""
-    print(f"{level}{EVENT_LINE}{event.line()}", file=sys.stderr, flush=True)
+    return f"{level}{EVENT_LINE}{event.line()}"

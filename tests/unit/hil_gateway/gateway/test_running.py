@@ -39,13 +39,14 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 class Gateway:
     """A gateway process on free ports."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, log: str = os.devnull) -> None:
         self.endpoint = f"tcp/127.0.0.1:{port(socket.SOCK_STREAM)}"
         config = folder / f"{self.endpoint[-5:]}.toml"
         can = f'interface = "udp_multicast"\nmulticast_port = {port(socket.SOCK_DGRAM)}'
         config.write_text(f'[can]\n{can}\n[zenoh]\nconnect = ["{self.endpoint}"]\n')
         command = [sys.executable, "-m", "hil_gateway", "gateway", "run", "--config", str(config)]
-        self.process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        with Path(log).open("w") as stderr:
+            self.process = subprocess.Popen(command, stderr=stderr)
 
     def wait_until_found(self) -> None:
         while self.process.pid not in [found.process for found in running_gateways()]:
@@ -78,6 +79,15 @@ def test_emergency_without_flags_reaches_the_gateway_started_last_and_names_it(t
     said = ask("emergency")
     assert said.returncode == 2
     assert "no gateway of this user runs here" in said.stderr.splitlines()[-1]
+
+
+def test_a_log_that_cannot_be_written_ends_no_gateway(tmp_path: Path) -> None:
+    gateway = Gateway(tmp_path, "/dev/full")
+    gateway.wait_until_found()
+    assert ask("emergency").returncode == 0  # an event, and a line of the log
+    assert ask("disarm").returncode == 0
+    gateway.end(signal.SIGTERM)
+    assert gateway.process.returncode == 0
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.bus.proposal import ModelProposal
 from hil_gateway.gateway.decide.failsafe import HOLDS, MEASURES, TABLE, Failsafe, Inputs
 from hil_gateway.gateway.events.change import Seen, changes
-from hil_gateway.gateway.events.log import MOST_A_MINUTE, MOST_A_SECOND, EventLog, to_journal
+from hil_gateway.gateway.events.log import MOST_A_MINUTE, MOST_A_SECOND, EventLog, journal_line
 from hil_gateway.process.clock import NS_PER_S
 
 
@@ -186,29 +186,25 @@ def test_a_flood_that_goes_on_is_one_line_a_second_at_most():
     assert any("more in between not listed" in event.text for event in rig.of(EventKind.LEARNING))
 
 
-def test_a_line_of_the_log_has_everything_a_reader_of_the_journal_needs(capfd, monkeypatch):
+def test_a_line_of_the_log_has_everything_a_reader_of_the_journal_needs(monkeypatch):
     event = Event(
         stamp_ns=5 * NS_PER_S, seq=0, kind=EventKind.FAILSAFE, severity=Severity.STOP, before="drive",
         after="controlled_stop", cause="command_stale", measured=0.11, limit=0.1, unit="s", text="no fresh command",
     )  # fmt: skip
     monkeypatch.setenv("JOURNAL_STREAM", "8:1")
-    to_journal(event)
-    line = capfd.readouterr().err.strip()
-    assert line == (
+    assert journal_line(event) == (
         "<2>event: failsafe drive -> controlled_stop [command_stale]: no fresh command, 0.11 s (limit 0.1 s)"
     )
 
 
-def test_a_text_of_another_process_makes_no_line_of_its_own(capfd):
+def test_a_text_of_another_process_makes_no_line_of_its_own():
     rig = LoggedRig()
     rig.run(0.1)
     forged = "nothing\n<2>event: failsafe drive -> emergency_stop\x1b[2J"
     rig.bus.publish(topics.MODEL_PROPOSAL, ModelProposal(stamp_ns=1, seq=0, outcome="kept", lap=3, reason=forged))
     rig.run(0.1)
-    for event in rig.of(EventKind.LEARNING):
-        to_journal(event)
-    (line,) = capfd.readouterr().err.splitlines()
-    assert line.isprintable()
+    (event,) = rig.of(EventKind.LEARNING)
+    assert journal_line(event).isprintable()
 
 
 def test_a_second_gateway_on_the_bus_is_said_once():
