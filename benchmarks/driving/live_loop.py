@@ -83,6 +83,10 @@ class LiveLoop:
             if name not in supervisor.pids:
                 self.start(name)
 
+    def bring_back(self) -> None:
+        """The car stands where it began, ignition off and on: a crane."""
+        self.lose("plant", "kill", 0.0)
+
     def pid(self, name: str) -> int:
         return self.supervisors[name].pids[name]
 
@@ -124,8 +128,9 @@ class LiveLoop:
 
     @property
     def action(self) -> FailsafeAction | None:
+        """State of the gateway that speaks; None: none does."""
         message = self.status.latest.message
-        return None if message is None else message.action
+        return message.action if message is not None and self.status.latest.alive(time.monotonic_ns()) else None
 
     @property
     def cause(self) -> str:
@@ -155,7 +160,7 @@ class LiveLoop:
                 return False
             self.look(0.2)
             message = self.status.latest.message
-            if message is None or self.action is FailsafeAction.DRIVE:
+            if message is None or self.action in {None, FailsafeAction.DRIVE}:
                 continue
             if not message.missing_for_crank:
                 self.ask(OperatorAction.CRANK)

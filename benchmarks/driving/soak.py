@@ -129,11 +129,15 @@ def trial(loop: LiveLoop, loss: Loss, phase: str, rng: random.Random) -> Outcome
     loop.judge.faults.clear()
     loss.happen(loop, rng)
     action, cause, died = loop.action, loop.cause, tuple(loop.died())
+    _await_end(loop)
+    left_the_road = loop.referee.off_track > left
     loop.start_missing()
+    if left_the_road:
+        loop.bring_back()
     begin = time.monotonic()
     again = loop.drives_off(AGAIN_S)
     outcome = Outcome(
-        loss.name, phase, speed, "gone" if action is None else action.value, cause, loop.referee.off_track > left, died,
+        loss.name, phase, speed, "gone" if action is None else action.value, cause, left_the_road, died,
         tuple(loop.judge.faults[:3]), time.monotonic() - begin if again else None, "",
     )  # fmt: skip
     return Outcome(**{**asdict(outcome), "broken": _broken(outcome, loss, drove, loop)})
@@ -142,11 +146,19 @@ def trial(loop: LiveLoop, loss: Loss, phase: str, rng: random.Random) -> Outcome
 def _reach(loop: LiveLoop, phase: str, rng: random.Random) -> None:
     if phase == "standing":
         loop.ask(OperatorAction.STOP)
-        deadline = time.monotonic() + AGAIN_S
-        while abs(loop.referee.speed) > STANDING_MPS and time.monotonic() < deadline:
-            loop.look(0.2)
+        loop.look(0.2)
+        _await_end(loop)
     else:
         loop.look(rng.uniform(*PHASES[phase]))
+
+
+def _await_end(loop: LiveLoop) -> None:
+    """Until the car stands, or drives on by commands."""
+    deadline = time.monotonic() + AGAIN_S
+    while loop.action is not FailsafeAction.DRIVE and abs(loop.referee.speed) > STANDING_MPS:
+        if time.monotonic() > deadline:
+            return
+        loop.look(0.2)
 
 
 def _broken(outcome: Outcome, loss: Loss, drove: bool, loop: LiveLoop) -> str:

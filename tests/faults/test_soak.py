@@ -25,6 +25,8 @@ class Loop:
 
     def start_missing(self) -> None: ...
 
+    def bring_back(self) -> None: ...
+
     def died(self) -> list[str]:
         return self.gone
 
@@ -34,7 +36,7 @@ class Loop:
 
 def stopped(cause: str, **changes: object):
     def happen(loop: Loop, _: random.Random) -> None:
-        loop.action, loop.cause = FailsafeAction.CONTROLLED_STOP, cause
+        loop.action, loop.cause, loop.referee.speed = FailsafeAction.CONTROLLED_STOP, cause, 0.0
         for name, value in changes.items():
             setattr(loop, name, value)
 
