@@ -7,13 +7,11 @@ from typing import Any
 
 from hil_gateway.bus.messages import GatewayStatus
 from hil_gateway.bus.topics import ESTIMATE, GATEWAY_STATUS, RUN, VEHICLE_STATE
-from hil_gateway.bus.track_day.run import RunPhase, RunStatus
+from hil_gateway.bus.track_day.run import UNDER_WAY, RunPhase, RunStatus
 from hil_gateway.car.states import SysState
 from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.gateway.decide.decision import STOPS
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
-
-UNDER_WAY = (RunPhase.OUT_LAP, RunPhase.FLYING, RunPhase.IN_LAP)
 
 
 def phase_of(alive: Mapping[str, Any], timed: bool) -> dict[str, str]:
@@ -27,8 +25,7 @@ def phase_of(alive: Mapping[str, Any], timed: bool) -> dict[str, str]:
     run: RunStatus | None = alive.get(RUN.key)
     if status.action in STOPS:
         cause = EXPLANATION.get(status.cause, status.cause)
-        after = "" if status.missing_for_crank else "; the engine is off: `hil gateway crank`"
-        return _said(f"stopped because {cause}", f"remove the cause, then arm again: `hil gateway arm`{after}")
+        return _said(f"stopped because {cause}", _after_stop(status))
     if _speed(alive) >= STANDSTILL:
         return _moving(status, run, timed)
     return _standing(status, run, alive)
@@ -59,9 +56,21 @@ def _standing(status: GatewayStatus, run: RunStatus | None, alive: Mapping[str, 
     if not status.missing_for_crank:
         return _said(name, "whether the engine may start: `hil gateway crank`")
     if status.missing_for_arming:
-        first = status.missing_for_arming[0]
-        return _said(name, f"before it can be armed: {status.advice.get(first) or EXPLANATION.get(first, first)}")
+        return _said(name, f"before it can be armed: {_missing(status)}")
     return _said(name, "whether it may drive: `hil gateway arm`")
+
+
+def _after_stop(status: GatewayStatus) -> str:
+    if not status.missing_for_crank:
+        return "whether the engine may start: `hil gateway crank`, then `hil gateway arm`"
+    if status.missing_for_arming:
+        return f"before it can be armed again: {_missing(status)}"
+    return "whether it may drive: `hil gateway arm`"
+
+
+def _missing(status: GatewayStatus) -> str:
+    first = status.missing_for_arming[0]
+    return status.advice.get(first) or EXPLANATION.get(first, first)
 
 
 def _place(run: RunStatus) -> str:

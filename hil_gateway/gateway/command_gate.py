@@ -13,7 +13,7 @@ from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_NS
 
 SOURCE_TIMEOUT_S = 0.5
-"""A source silent for so long may be replaced or start over, but only while disarmed."""
+"""A source silent for so long may be replaced or start over, but only while its commands do not drive the car."""
 
 EARLIER_NS = 3 * PERIOD_NS // 4
 """by which a command may come earlier than an interval after one that was taken late, in the period after its own"""
@@ -42,10 +42,13 @@ class CommandGate:
     interval_ns: int | None = None
     """between the two newest, ns"""
 
-    def offer(self, command: Command, now_ns: int, armed: bool, *, by_hand: bool = False) -> Refusal | None:
-        """Take `command` or say why not; one `by_hand` takes over from any source but another person."""
+    def offer(self, command: Command, now_ns: int, driving: bool, *, by_hand: bool = False) -> Refusal | None:
+        """Take `command` or say why not; one `by_hand` takes over from any source but another person.
+
+        `driving`: the newest drives the car, and not a stop, after which a person arms again.
+        """
         known = self.newest
-        if known is not None and not (self.age_s(now_ns) > SOURCE_TIMEOUT_S and not armed):
+        if known is not None and not (self.age_s(now_ns) > SOURCE_TIMEOUT_S and not driving):
             same = command.source == known.source
             takes_over = (by_hand and not self.by_hand) or command.source == self.successor
             if not (same or takes_over):

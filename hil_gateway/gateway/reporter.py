@@ -11,7 +11,7 @@ from hil_gateway.bus.topics import GATEWAY_STATUS
 from hil_gateway.can_link import CanLink
 from hil_gateway.gateway.act.actor import Actor
 from hil_gateway.gateway.decide.decision import Decision, Situation
-from hil_gateway.gateway.decide.failsafe import missing_for_arming
+from hil_gateway.gateway.decide.failsafe import IN_EMERGENCY
 from hil_gateway.gateway.decide.race_control import missing_for_crank
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
@@ -74,18 +74,20 @@ class Reporter:
         self._due_ns = situation.now_ns + GATEWAY_STATUS.period_ns
         self._seq += 1
         counts, stats = builder.counts, link.stats()
-        armed, before_crank = decision.failsafe.armed, self._missing_for_crank(situation, decision)
-        engine_off = {} if before_crank else {"car_not_driving": "the engine is off: `hil gateway crank`"}
+        missing = decision.failsafe.missing(situation.conditions)
+        before_crank = self._missing_for_crank(situation, decision)
+        remedies = {IN_EMERGENCY: "`hil gateway disarm`, then crank"}
+        remedies |= {} if before_crank else {"car_not_driving": "the engine is off: `hil gateway crank`"}
         compiles = dict.fromkeys(OF_THE_PLANNER if inbox.planner_starts(situation.now_ns) else (), COMPILES)
         return GatewayStatus(
             stamp_ns=situation.now_ns,
             seq=self._seq - 1,
             mode=self._mode,
-            armed=armed,
+            armed=decision.failsafe.armed,
             action=decision.action,
             cause=decision.cause,
-            missing_for_arming=() if armed else missing_for_arming(situation.conditions),
-            advice={} if armed else {**situation.conditions.unready, **engine_off, **compiles},
+            missing_for_arming=missing,
+            advice={**situation.conditions.unready, **remedies, **compiles} if missing else {},
             missing_for_crank=before_crank,
             holding=decision.holding,
             bus=link.kind,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, cap_of
+from hil_gateway.bus.track_day.run import UNDER_WAY, RunAction, RunPhase, RunPlan, RunRequest, cap_of
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.settings.gateway import CAUTION_DECELERATION
 from planner.run.expansion import FREE, Caps, Expansion
@@ -16,8 +16,6 @@ REACTION_S = 0.15
 """from the plan that stops to brakes that bite: latency of the loop, and the rise of the pressure"""
 NEAR_M = 5.0
 """a car that stands this close to its place has reached it"""
-WAYS = (RunPhase.OUT_LAP, RunPhase.FLYING, RunPhase.IN_LAP)
-"""phases in which the run is under way"""
 
 
 @dataclass
@@ -66,7 +64,7 @@ class Progress:
     def ask(self, request: RunRequest, s: float, place: float, way_in: float = 0.0) -> bool:
         """A person's request with the car at progress `s`: whether a run begins. `place` is where its in lap will end,
         m along the line, on a way that parts from the race line `way_in` (m) before it."""
-        under_way, self.refused = self.phase in WAYS, ""
+        under_way, self.refused = self.phase in UNDER_WAY, ""
         if request.action in (RunAction.START, RunAction.NEXT):
             plan = request.plan or self.plan
             if under_way:
@@ -106,12 +104,12 @@ class Progress:
 
     def note(self, why: str) -> None:
         """Something that makes the run under way not clean."""
-        if self.phase in WAYS and why not in self._unclean:
+        if self.phase in UNDER_WAY and why not in self._unclean:
             self._unclean.append(why)
 
     def advance(self, s: float, speed: float) -> None:
         """The car is at progress `s` with `speed` (m/s)."""
-        if self.phase not in WAYS:
+        if self.phase not in UNDER_WAY:
             return
         if self.caps not in self._driven:
             self._driven.append(self.caps)

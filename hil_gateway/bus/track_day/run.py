@@ -118,6 +118,10 @@ class RunPhase(StrEnum):
     """stopped where the in lap ends, or aborted"""
 
 
+UNDER_WAY = (RunPhase.OUT_LAP, RunPhase.FLYING, RunPhase.IN_LAP)
+"""phases in which a run is driven"""
+
+
 class RunStatus(Message):
     """Where in which run the car is, and what holds there (5 Hz)."""
 

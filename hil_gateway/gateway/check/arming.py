@@ -9,7 +9,7 @@ from hil_gateway.bus.interface import LocalBus
 from hil_gateway.can_link import Frame, LinkStats
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
-from hil_gateway.gateway.decide.failsafe import TABLE
+from hil_gateway.gateway.decide.failsafe import IN_EMERGENCY, TABLE
 from hil_gateway.settings.gateway import PERIOD_NS
 
 EXPLANATION = {row.cause: row.meaning for row in TABLE} | {
@@ -21,7 +21,7 @@ EXPLANATION = {row.cause: row.meaning for row in TABLE} | {
     "mode_without_crank": "gateway.mode is not armed",
     "car_not_crank_ready": "the car has not answered the ladder up to crank ready (sys_state 5)",
     "cranked": "the ladder is beyond cranking already",
-    "in_emergency": "in emergency: remove its cause, then `hil gateway disarm`",
+    IN_EMERGENCY: "in emergency: remove its cause, then `hil gateway disarm`",
 }
 """What `missing_for_arming` and `missing_for_crank` name -> what a person reads."""
 

@@ -218,6 +218,10 @@ class Inputs(NamedTuple):
     """what else stands in the way of arming, and what to do about it, in words"""
 
 
+IN_EMERGENCY = "in_emergency"
+"""what keeps a car from being cranked and armed until a person disarms"""
+
+
 class Failsafe(NamedTuple):
     """Latched state; `step` returns the next one."""
 
@@ -245,17 +249,22 @@ class Failsafe(NamedTuple):
         row = first_firing(inputs)
         if self.action is FailsafeAction.SILENT:
             wants = inputs.request is OperatorAction.ARM
-            return Failsafe(FailsafeAction.DRIVE) if wants and not missing_for_arming(inputs) else Failsafe()
+            return Failsafe(FailsafeAction.DRIVE) if wants and not self.missing(inputs) else Failsafe()
         if inputs.request is OperatorAction.DISARM and inputs.standing:
             return Failsafe()
         if row is not None and _rank(row) > self._rank:
             return Failsafe(row.action, row.cause)
         if self.action is FailsafeAction.DRIVE and inputs.request is OperatorAction.DISARM:
             return Failsafe(FailsafeAction.CONTROLLED_STOP, "disarmed_moving")
-        stopped = self.action is not FailsafeAction.DRIVE and not self.engine_off
-        if stopped and inputs.request is OperatorAction.ARM and not missing_for_arming(inputs):
+        if inputs.request is OperatorAction.ARM and not self.missing(inputs):
             return Failsafe(FailsafeAction.DRIVE)
         return Failsafe(self.action, self.cause)
+
+    def missing(self, inputs: Inputs) -> tuple[str, ...]:
+        """Why a request to arm would be refused now; nothing while it drives."""
+        if self.action is FailsafeAction.DRIVE:
+            return ()
+        return ((IN_EMERGENCY,) if self.engine_off else ()) + missing_for_arming(inputs)
 
 
 def first_firing(inputs: Inputs) -> Row | None:

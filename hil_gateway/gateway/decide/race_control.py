@@ -17,6 +17,7 @@ from hil_gateway.car.states import (
     TrackFlag,
     under_yellow,
 )
+from hil_gateway.gateway.decide.failsafe import IN_EMERGENCY
 from hil_gateway.process.clock import NS_PER_S
 
 HEARTBEAT_TIMEOUT_S = 0.5
@@ -100,7 +101,7 @@ def _next(ct: CtState, inputs: LadderInputs, demand: Demand, heartbeat: bool) ->
 def missing_for_crank(ct: CtState, inputs: LadderInputs) -> tuple[str, ...]:
     """Why a request to crank would be refused now."""
     if ct is CtState.EMERGENCY:
-        return ("in_emergency",)
+        return (IN_EMERGENCY,)
     if ct > CtState.CRANK_READY:
         return ("cranked",)
     sys_state = inputs.sys_state if inputs.car_alive else 0

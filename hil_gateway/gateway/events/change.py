@@ -22,7 +22,7 @@ from hil_gateway.car.states import (
 from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.decide.decision import STOPS
-from hil_gateway.gateway.decide.failsafe import ROWS, Failsafe, Inputs, missing_for_arming
+from hil_gateway.gateway.decide.failsafe import ROWS, Failsafe, Inputs
 
 CAUSES_OF_OTHERS = {"disarmed_moving": "disarming was asked for while the car moved"}
 """causes that are no row of the failsafe table"""
@@ -150,8 +150,7 @@ def _why(cause: str, more: str) -> str:
 
 def _refusal(failsafe: Failsafe, inputs: Inputs) -> Iterator[Change]:
     """A request to arm that changed nothing."""
-    missing = missing_for_arming(inputs)
-    if failsafe.action is not FailsafeAction.DRIVE and missing:
+    if missing := failsafe.missing(inputs):
         words = inputs.unready.get(missing[0]) or EXPLANATION.get(missing[0], missing[0])
         text = f"arming refused: {words}"
         yield Change(EventKind.ARMING, failsafe.action, failsafe.action, text, Severity.WARNING, ", ".join(missing))

@@ -70,10 +70,10 @@ class Inbox:
         """Who has the right to command; empty before the first command."""
         return "" if self.gate.newest is None else self.gate.newest.source
 
-    def read_commands(self, now_ns: int, armed: bool) -> None:
+    def read_commands(self, now_ns: int, driving: bool) -> None:
         """Offer every command that arrived to the gate."""
         for command, by_hand in [(c, by_hand) for source, by_hand in self._commands for c in source.poll(now_ns)]:
-            refusal = self.gate.offer(command, now_ns, armed, by_hand=by_hand)
+            refusal = self.gate.offer(command, now_ns, driving, by_hand=by_hand)
             if refusal is not None:
                 self.refused[refusal] = self.refused.get(refusal, 0) + 1
             if refusal is Refusal.SECOND_SOURCE:

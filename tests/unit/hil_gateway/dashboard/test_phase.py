@@ -59,7 +59,8 @@ STOPPED = {"armed": True, "action": "controlled_stop", "cause": "track_flag_stop
         (alive(0.0, run(RunPhase.DONE, box=2, in_pit_lane=True), **DRIVING), "in its box, 2", "hil run next"),
         (alive(0.0, run(RunPhase.DONE, said="clean"), **DRIVING), "bench", "hil run next"),
         (alive(20.0, **STOPPED), "stopped because red or checkered flag from race control", "hil gateway arm"),
-        (alive(0.0, missing_for_crank=(), **STOPPED), "stopped because red", "the engine is off"),
+        (alive(0.0, missing_for_crank=(), **STOPPED), "stopped because red", "hil gateway crank"),
+        (alive(0.0, missing_for_arming=("estimate_invalid",), **STOPPED), "stopped", "hil estimator run"),
         (alive(3.0), "moved by hand", "nothing"),
     ],
 )

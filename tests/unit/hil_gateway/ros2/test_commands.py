@@ -146,7 +146,7 @@ def test_gateway_takes_one_source_and_names_the_second():
     def send(topic, source: str, now_ns: int) -> None:
         numbers = {"stamp_ns": now_ns, "seq": now_ns, "state_stamp_ns": now_ns, "steer": 0.0, "drive": 0.0}
         bus.publish(topic, Command(source=source, **numbers))
-        inbox.read_commands(now_ns, armed=True)
+        inbox.read_commands(now_ns, driving=True)
 
     send(ROS2_COMMAND, "ros2 1234 /follower", 1 * MS)
     assert (inbox.command_source, inbox.second_source) == ("ros2 1234 /follower", "")
