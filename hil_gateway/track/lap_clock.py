@@ -11,7 +11,7 @@ from typing import Any
 SECTORS = 3
 """of equal length: the tracks name none of their own"""
 NEAR_LINE_M = 50.0
-"""a car that starts to move this close behind the line drives its first lap from there, any other an out lap"""
+"""a car that drives off this close behind the line drives its first lap from there, any other an out lap"""
 SLOWEST = 0.5
 """m/s; a car that is slower has not started"""
 STATION_M = 5.0
@@ -86,10 +86,11 @@ class LapClock:
             self._start_s, self._beyond = None, s - self.length
             return None
         if self._start_s is None and last[1] < NEAR_LINE_M and speed > SLOWEST and not self.laps:
-            self._begin(last[0], {Mark.FROM_REST})
+            self._begin(_passed(last, self._last), {Mark.FROM_REST})
             self._beyond = last[1]
-        if self._start_s is None and speed <= SLOWEST:  # a position that wavers across the line is no crossing
-            self._beyond = s if s < NEAR_LINE_M else s - self.length
+        if speed <= SLOWEST and (self._start_s is None or self._only_moved_up()):
+            # a position that wavers across the line is no crossing
+            self._start_s, self._beyond = None, s if s < NEAR_LINE_M else s - self.length
             return None
         known = len(self.laps)
         here = self._marks_of(last, self._last, yellow)
@@ -100,6 +101,10 @@ class LapClock:
             self._stations.append(self._beyond)
             self._times.append(t_s - self._start_s)
         return self.laps[-1] if len(self.laps) > known else None
+
+    def _only_moved_up(self) -> bool:
+        """Whether the car has gone a little way from rest, as it is pushed to the line."""
+        return Mark.FROM_REST in self._marks and self._beyond < NEAR_LINE_M
 
     def _moved(self, last: tuple[float, float, float], now: tuple[float, float, float]) -> float | None:
         """Metres from one position to the next, None where that cannot be said; after a gap by time and speeds."""
@@ -156,3 +161,9 @@ class LapClock:
         self.laps.append(lap)
         if not marks and (self.best is None or lap.time_s < self.best.time_s):
             self.best, self._best_line = lap, (self._stations, self._times)
+
+
+def _passed(last: tuple[float, float, float], now: tuple[float, float, float]) -> float:
+    """When a car that has not started before `now` was at `SLOWEST`, s."""
+    share = (SLOWEST - last[2]) / (now[2] - last[2]) if now[2] > last[2] else 0.0
+    return last[0] + max(share, 0.0) * (now[0] - last[0])

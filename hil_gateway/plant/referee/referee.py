@@ -5,6 +5,7 @@ from __future__ import annotations
 from hil_gateway.bus.messages import Truth
 from hil_gateway.plant.car import Car
 from hil_gateway.plant.referee.judge import LoadJudge
+from hil_gateway.track.lap_clock import LapClock
 
 HALF_WIDTH_M = 0.95
 """of the car over its wheels; off track is when a wheel leaves road and pit lane"""
@@ -17,10 +18,7 @@ class Referee:
         self._car = car
         self.loads = LoadJudge(car)
         self._s = car.road.s
-        self._progress = 0.0
-        self._lap_start_s = 0.0
-        self._started = False
-        self.lap_times_s: list[float] = []
+        self._clock = LapClock(car.road.track.length)
         self.off_track = False
         self.off_track_count = 0
         self.distance_m = 0.0
@@ -30,22 +28,22 @@ class Referee:
 
     @property
     def laps(self) -> int:
-        """Laps completed, counted from where the car started."""
-        return len(self.lap_times_s)
+        """Laps completed, from line to line."""
+        return len(self._clock.laps)
+
+    @property
+    def lap_times_s(self) -> list[float]:
+        """Of the laps completed, s."""
+        return [lap.time_s for lap in self._clock.laps]
 
     def step(self, time_s: float) -> None:
         """Take in where the car is at `time_s`."""
         road, track = self._car.road, self._car.road.track
         moved = (road.s - self._s + 0.5 * track.length) % track.length - 0.5 * track.length
         self._s = road.s
-        self._progress += moved
         self.distance_m += abs(moved)
         self.peak_speed = max(self.peak_speed, self._car["vx"])
-        if not self._started:  # a car that stands creeps by micrometres
-            self._started, self._lap_start_s = not self._car.standing, time_s
-        if self._progress >= (self.laps + 1) * track.length:
-            self.lap_times_s.append(time_s - self._lap_start_s)
-            self._lap_start_s = time_s
+        self._clock.update(time_s, road.s, self._car["vx"])
         self._judge()
 
     def _judge(self) -> None:

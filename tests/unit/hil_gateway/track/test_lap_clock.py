@@ -65,3 +65,22 @@ def test_a_position_that_wavers_across_the_line_while_the_car_stands_begins_no_l
     assert clock.current_s(10.0) is None
     drive(clock, 50.0, 61.0, start=0.1, t0=10.0)
     assert clock.laps[0].time_s == pytest.approx(LENGTH / 50.0, abs=0.11)
+
+
+def test_a_car_that_is_pushed_to_its_place_begins_its_lap_when_it_drives_off():
+    clock = drive(LapClock(LENGTH), 1.0, 6.0)
+    for i in range(300):
+        clock.update(6.1 + 0.1 * i, 6.0, 0.0)
+    drive(clock, 50.0, 61.0, start=6.0, t0=36.1)
+    assert clock.laps[0].time_s == pytest.approx((LENGTH - 6.0) / 50.0, abs=0.11)
+
+
+def test_a_lap_from_rest_begins_at_the_same_moment_whatever_the_sampling():
+    def began(step_s: float) -> float:
+        clock = LapClock(LENGTH)
+        for i in range(round(100.0 / step_s)):
+            t = i * step_s
+            clock.update(t, 2.0 + 1.5 * max(t - 5.03, 0.0) ** 2, 3.0 * max(t - 5.03, 0.0))
+        return clock.laps[0].start_s
+
+    assert began(0.1) == pytest.approx(began(0.01), abs=0.02)
