@@ -89,13 +89,15 @@ def _session(s: dict[str, Any]) -> str:
     if "unreadable" in s:
         return section(title, f"<p>not readable: {text(s['unreadable'])}</p>", big=True)
     about = f"{s['car']} on {s['track']}, {s['software']}, fastest {figure(s['top_speed'], 'm/s', 3)}"
-    gaps = [f"nothing was recorded for {gap['seconds']:.1f} s before {gap['before']}" for gap in s["gaps"]]
+    about += f"; {s['lost']} frames and messages not recorded"
+    gaps = [f"{_clock(s, g['t'])}: nothing recorded for {g['seconds']:.1f} s, before {g['before']}" for g in s["gaps"]]
     whole = [] if s["complete"] else ["not closed in order: readable up to its last whole chunk"]
     parts = [
         items([about, *gaps, *whole, *s["damage"]]),
-        _part("Runs", ("run", "name", "laps asked", "tyres", "fuel", "caps", "ended", "notes"), _runs(s)),
+        _part("Runs", ("run", "began", "driven", "laps asked", "tyres", "fuel", "caps", "ended", "notes"), _runs(s)),
         _part("Laps", ("lap", "began", "time", "sectors", "run", "tyres", "marks"), _laps(s)),
-        _part("Stops", ("time", "what", "cause", "measured"), _stops(s)),
+        _part("Stops", ("time", "where", "what", "cause", "measured", "drove again after"), _stops(s)),
+        _part("What else happened", ("time", "what"), [(_clock(s, e["t"]), _event(e)) for e in s["happened"]]),
         _part("Notes", ("time", "note"), [(_clock(s, n["t"]), note_words(n)) for n in s["remarks"]]),
         _part("Model", ("time", "revision", "effects and their parameters", "error before and after"), _models(s)),
         _part("Tyres as believed at the end", ("parameter", "mean", "deviation"), _believed(s)),
@@ -113,9 +115,10 @@ def _runs(s: dict[str, Any]) -> list[Row]:
         fuel = "" if run["fuel_kg"] is None else figure(run["fuel_kg"], "kg", 3)
         ended = f"{run['phase']}: {run['said']}" if run["said"] else run["phase"]
         why = f"{', '.join(caps) or 'none'} ({run['caps_from']})"
-        rows.append(
-            (str(run["number"]), run["name"], str(run["asked_laps"]), run["tyres"], fuel, why, ended, run["notes"])
-        )
+        way, time = figure(run["km"], "km", 3), figure(run["seconds"], "s", 3)
+        driven = f"{way} in {time}, at most {figure(run['top_speed'], 'm/s', 3)}"
+        named, began = f"{run['number']} {run['name']}", _clock(s, run["t"])
+        rows.append((named, began, driven, str(run["asked_laps"]), run["tyres"], fuel, why, ended, run["notes"]))
     return rows
 
 
@@ -139,8 +142,22 @@ def _stops(s: dict[str, Any]) -> list[Row]:
         shown = "" if measured is None else figure(measured, stop["unit"], 3)
         limit = "" if stop.get("limit") is None else f", limit {figure(stop['limit'], stop['unit'], 3)}"
         cause = f"{stop['cause']}: {stop['text']}" if stop.get("text") else stop["cause"]
-        rows.append((_clock(s, stop["t"]), stop["after"].replace("_", " "), cause, shown + limit))
+        what, again = stop["after"].replace("_", " "), figure(stop.get("again_s"), "s", 3)
+        rows.append((_clock(s, stop["t"]), _where(s, stop), what, cause, shown + limit, again))
     return rows
+
+
+def _where(s: dict[str, Any], stop: dict[str, Any]) -> str:
+    """Where on the track, in which lap and run."""
+    if stop.get("place_m") is None:
+        return ""
+    run = f", run {stop['run']}" if stop["run"] else ""
+    return f"lap {s['number']}.{stop['lap']} at {stop['place_m']:.0f} m{run}"
+
+
+def _event(event: dict[str, Any]) -> str:
+    change = f"{event['before']} to {event['after']}" if event["before"] else event["after"]
+    return f"{event['text']}: {change}".replace("_", " ")
 
 
 def _models(s: dict[str, Any]) -> list[Row]:

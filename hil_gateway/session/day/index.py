@@ -16,11 +16,12 @@ from hil_gateway.session.overview.catalogue import STORED_EVERY
 from hil_gateway.session.overview.info import recording_info
 
 INDEX = ".hil-day.json"
-VERSION = 2
+VERSION = 3
 """of what an entry holds: an index of another version is made anew"""
 KEPT = (
     "start_unix_s", "duration_s", "bytes", "complete", "damage", "gaps", "laps", "best_lap_s", "runs", "remarks",
-    "weather", "tyres", "km", "top_speed", "stops", "alerts", "revisions", "effects", "tyres_believed", "loop_ms",
+    "weather", "tyres", "km", "top_speed", "stops", "happened", "alerts", "revisions", "effects",
+    "tyres_believed", "loop_ms", "lost",
 )  # fmt: skip
 """of what is known of a session"""
 Read = Callable[[Sequence[tuple[Path, ...]]], Iterable[dict[str, Any]]]

@@ -139,7 +139,8 @@ def recording_info(*files: Path) -> dict[str, Any]:
         for number, held in enumerate(in_turn(reader, _held)):
             if number == 0 and before_ns:
                 gap_ns = held.first_ns - before_ns
-                gaps.append({"before": reader.path.name, "seconds": round(gap_ns / NS_PER_S, 3)})
+                at_s = (before_ns - (seen.start_ns or 0)) / NS_PER_S
+                gaps.append({"before": reader.path.name, "t": round(at_s, 3), "seconds": round(gap_ns / NS_PER_S, 3)})
             seen.add(held.seen)
             story.take(held.items)
     first, newest = readers[0], readers[-1]
@@ -203,10 +204,10 @@ def _source(data: bytes) -> str:
 RECORDING = "recording"
 STORY = (
     "laps", "best_lap_s", "runs", "remarks", "tyres", "km", "top_speed", "stops", "alerts", "revisions", "effects",
-    "events", "tyres_believed", "weather", "loop_ms",
+    "events", "happened", "tyres_believed", "weather", "loop_ms", "lost",
 )  # fmt: skip
 _NO_STORY: dict[str, Any] = {name: [] for name in STORY} | {
-    "best_lap_s": None, "km": None, "top_speed": None, "tyres": {}, "weather": {}, "loop_ms": None,
+    "best_lap_s": None, "km": None, "top_speed": None, "tyres": {}, "weather": {}, "loop_ms": None, "lost": None,
 }  # fmt: skip
 
 
@@ -283,6 +284,7 @@ def note_words(note: dict[str, Any]) -> str:
 def marked(lap: dict[str, Any]) -> str:
     """What keeps a lap from counting as one, in words behind its time."""
     words = {Mark.FROM_REST: "from rest, not from the line", Mark.STOP: f"stood for {lap['stood_s']:.0f} s"}
+    words[Mark.GAP] = "its place unknown for a while"
     return "".join(f", {words.get(mark, mark)}" for mark in lap["marks"])
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from hil_gateway.bus.track_day.note import Note
-from hil_gateway.bus.track_day.run import RunStatus
+from hil_gateway.bus.track_day.run import UNDER_WAY, RunStatus
 from hil_gateway.track.lap_clock import Lap
 
 LONGEST_STEP_S = 1.0
 """between two positions: what lies in a gap is not counted as driven"""
+
+DRIVEN = ("seconds", "km", "top_speed")
+"""of a run, from its start until it is done or left"""
 
 
 class Outing:
@@ -22,7 +25,8 @@ class Outing:
         self._sets: dict[str, dict[str, float]] = {}
         self._tyres = ""
         self._weather: dict[str, float] = {}
-        self._run = self._before = 0
+        self.run = self._newest = self._before = 0
+        """number of the run the car is in, 0 in none; of the newest one; of those of planners before this one"""
         self._last_s: float | None = None
         self._metres = self._fastest = 0.0
 
@@ -35,20 +39,27 @@ class Outing:
         used["km"] += metres / 1000.0
         if lap is not None:
             used["laps"] += 1
-            self._laps.append(lap.tree() | {"start_s": round(lap.start_s, 3), "run": self._run, "tyres": self._tyres})
+            self._laps.append(lap.tree() | {"start_s": round(lap.start_s, 3), "run": self.run, "tyres": self._tyres})
+        if (run := self._runs.get(self.run)) and run["phase"] in UNDER_WAY:
+            run["seconds"], run["km"] = t_s - run["t"], run["km"] + metres / 1000.0
+            run["top_speed"] = max(run["top_speed"], speed)
 
     def take_run(self, t_s: float, status: RunStatus) -> None:
         """Where in its run the car is."""
+        if status.number < self._newest - self._before:  # another planner counts from 0 again
+            self._before = self._newest
+            if (left := self._runs[self._newest])["phase"] in UNDER_WAY:
+                left |= {"phase": "broken off", "said": "the planner was started again, and knows of no run"}
         if status.plan is None:
+            self.run = 0
             return
-        if status.number < self._run - self._before:  # another planner counts from 1 again
-            self._before = self._run
         number = self._before + status.number
         new = number not in self._runs
         if new and status.plan.tyres:
             self._tyres = status.plan.tyres
-        row = self._runs.setdefault(number, {"t": t_s, "speed_caps": [], "load_caps": []})
-        self._run = number
+        begun = dict.fromkeys(DRIVEN, 0.0) | {"t": t_s, "speed_caps": [], "load_caps": []}
+        row = self._runs.setdefault(number, begun)
+        self.run = self._newest = number
         plan = status.plan.model_dump(mode="json", include={"name", "tyres", "fuel_kg", "notes"})
         row |= {"number": number, **plan, "asked_laps": status.plan.laps, "caps_from": status.caps_from}
         row |= {"phase": status.phase.value, "clean": status.clean, "said": status.said or row.get("said", "")}
@@ -68,8 +79,8 @@ class Outing:
         return {
             "laps": self._laps,
             "best_lap_s": min((lap["time_s"] for lap in self._laps if not lap["marks"]), default=None),
-            "runs": list(self._runs.values()), "remarks": self._notes,
-            "weather": self._weather,
+            "runs": [run | {k: round(run[k], 3) for k in DRIVEN} for run in self._runs.values()],
+            "remarks": self._notes, "weather": self._weather,
             "km": round(self._metres / 1000.0, 3), "top_speed": round(self._fastest, 2),
             "tyres": {name: used | {"km": round(used["km"], 3)} for name, used in self._sets.items()},
         }  # fmt: skip

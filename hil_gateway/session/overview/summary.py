@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hil_gateway.bus.alerts import grouped
-from hil_gateway.bus.event import EventKind
+from hil_gateway.bus.event import Event, EventKind, Severity
 from hil_gateway.bus.messages import Alert, Belief, FailsafeAction
 from hil_gateway.bus.topics import (
     ALERT,
@@ -21,6 +21,7 @@ from hil_gateway.bus.topics import (
     GATEWAY_STATUS,
     MODEL_REVISION,
     NOTE,
+    RECORDER_STATUS,
     RUN,
     VEHICLE_STATE,
 )
@@ -38,13 +39,15 @@ from hil_gateway.track.lap_clock import LapClock
 from hil_gateway.track.loading import DEFAULT_TRACK, load_track
 from hil_gateway.track.track import Track
 
-TOLD = (VEHICLE_STATE, ESTIMATE, EVENT, GATEWAY_STATUS, ALERT, MODEL_REVISION, BELIEF, RUN, NOTE)
+TOLD = (VEHICLE_STATE, ESTIMATE, EVENT, GATEWAY_STATUS, ALERT, MODEL_REVISION, BELIEF, RUN, NOTE, RECORDER_STATUS)
 WANTED = frozenset(topic.key for topic in TOLD)
 LOOK_NS = NS_PER_S // 10
 """between the positions, and the flags, that are looked at: often enough for lap times"""
 SAMPLED = (VEHICLE_STATE.key, ESTIMATE.key)
 FLAGS = re.compile(rb'"(?:track|vehicle)_flag":\d+')
 """in the JSON of a vehicle state"""
+HAPPENED = (EventKind.FLAG, EventKind.PROCESS, EventKind.RECEIVER, EventKind.LEARNING)
+"""what a person asks for in the evening beside stops and laps: flags, processes lost and back, what was tried"""
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 
 
@@ -133,20 +136,26 @@ class Story:
         self._track = _track(config.track) or _track(str(folder / config.track))
         self._clock = LapClock(self._track.length) if self._track else None
         self._place_s: float | None = None
+        """along the track, m"""
         self._flags = list[bytes]()
         self._yellow = False
         self._events: list[dict[str, Any]] = []
         self._stops: list[dict[str, Any]] = []
         self._action = FailsafeAction.SILENT
+        self._heard = (0.0, -1)
+        """when the gateway spoke last, s, and the number of its status"""
         self._alerts: list[tuple[float, Alert]] = []
         self._revisions: dict[str, dict[str, Any]] = {}
         self._belief: bytes | None = None
         self._timed: bytes | None = None
         self._outing = Outing()
+        self._lost = [0]
+        """frames and messages that each recorder could not write"""
         self._take = {
             VEHICLE_STATE.key: self._state, ESTIMATE.key: self._estimate, EVENT.key: self._event,
             GATEWAY_STATUS.key: self._status, ALERT.key: self._alert, MODEL_REVISION.key: self._revision,
             BELIEF.key: self._keep_belief, RUN.key: self._run, NOTE.key: self._note,
+            RECORDER_STATUS.key: self._recorder,
         }  # fmt: skip
 
     def take(self, item: Item) -> None:
@@ -156,15 +165,20 @@ class Story:
     def tree(self) -> dict[str, Any]:
         """For JSON."""
         known = [stop for stop in self._events if stop["kind"] == EventKind.FAILSAFE]
+        armed = [event["t"] for event in self._events if event["after"] == FailsafeAction.DRIVE]
+        for stop in known:
+            stop["again_s"] = next((round(t - stop["t"], 1) for t in armed if t > stop["t"]), None)
         return {
             **self._outing.tree(),
             "tyres_believed": [] if self._belief is None else _believed(unpack_message(BELIEF, self._belief)),
             "stops": known or self._stops,
+            "lost": sum(self._lost),
             "loop_ms": None if self._timed is None else unpack_message(GATEWAY_STATUS, self._timed).loop_latency_p99_ms,
             "alerts": grouped(self._alerts),
             "revisions": list(self._revisions.values()),
             "effects": next((row["effects"] for row in reversed(self._revisions.values())), []),
             "events": self._events,
+            "happened": [e for e in self._events if e["kind"] in HAPPENED],
         }
 
     def _estimate(self, item: Item, t_s: float) -> None:
@@ -184,10 +198,30 @@ class Story:
             self._flags, self._yellow = flags, under_yellow(state.track_flag, state.vehicle_flag)
 
     def _event(self, item: Item, t_s: float) -> None:
-        self._events.append({**unpack_message(EVENT, item.data).entry(0), "t": t_s})
+        self._log(t_s, unpack_message(EVENT, item.data))
+
+    def _log(self, t_s: float, event: Event) -> None:
+        entry = {**event.entry(0), "t": t_s}
+        if entry["kind"] == EventKind.FAILSAFE:
+            lap = 1 + len(self._clock.laps if self._clock else ())
+            entry |= {"place_m": self._place_s, "lap": lap, "run": self._outing.run}
+        self._events.append(entry)
+
+    def _another_gateway(self, t_s: float) -> None:
+        """What the one that is gone can say to nobody; a car that it drove stops by itself."""
+        text = f"another gateway speaks {t_s - self._heard[0]:.1f} s later"
+        lost = {"stamp_ns": 0, "seq": 0, "severity": Severity.WARNING, "text": text}
+        if self._action is FailsafeAction.DRIVE:
+            stop = {"before": self._action, "after": "own brakes of the car", "cause": "gateway_gone"}
+            self._log(self._heard[0], Event.model_validate(lost | stop | {"kind": EventKind.FAILSAFE}))
+        gone = {"kind": EventKind.PROCESS, "before": "gateway speaks", "after": "gateway silent"}
+        self._log(self._heard[0], Event.model_validate(lost | gone))
 
     def _status(self, item: Item, t_s: float) -> None:
         """Stops of a recording without an event log; an action that has not changed is not looked at."""
+        if item.sequence < self._heard[1]:
+            self._another_gateway(t_s)
+        self._heard = t_s, item.sequence
         if b'"loop_latency_p99_ms":null' not in item.data:
             self._timed = item.data
         if b'"action":"%s"' % self._action.encode() in item.data:
@@ -220,6 +254,10 @@ class Story:
 
     def _run(self, item: Item, t_s: float) -> None:
         self._outing.take_run(t_s, unpack_message(RUN, item.data))
+
+    def _recorder(self, item: Item, t_s: float) -> None:
+        lost = unpack_message(RECORDER_STATUS, item.data).lost
+        self._lost = [*self._lost, lost] if lost < self._lost[-1] else [*self._lost[:-1], lost]
 
     def _note(self, item: Item, t_s: float) -> None:
         self._outing.take_note(t_s, unpack_message(NOTE, item.data))

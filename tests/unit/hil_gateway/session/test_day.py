@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from unit.hil_gateway.session.test_catalogue import SPEED, estimate, stop
 
 from hil_gateway.bus import messages as m
-from hil_gateway.bus.topics import BELIEF, ESTIMATE, EVENT, MODEL_REVISION, NOTE, RUN
+from hil_gateway.bus.topics import BELIEF, ESTIMATE, EVENT, GATEWAY_STATUS, MODEL_REVISION, NOTE, RUN
 from hil_gateway.bus.track_day.note import Note
 from hil_gateway.bus.track_day.run import RunPhase, RunPlan, RunStatus
 from hil_gateway.cli.main import app
@@ -22,6 +22,8 @@ from hil_gateway.session.day.index import INDEX, read_day, read_in_turn
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.recover import recover
 from hil_gateway.session.files.writer import SessionFile
+from hil_gateway.session.overview.outing import Outing
+from hil_gateway.track.lap_clock import Lap
 from hil_gateway.track.loading import load_track
 
 LAP_S = load_track().length / SPEED
@@ -112,6 +114,53 @@ def test_the_page_answers_what_was_driven_found_and_said(folder):
     ):  # fmt: skip
         assert said in text, said
     assert "http" not in text and "src=" not in text
+
+
+def test_the_page_says_where_the_car_stopped_and_how_far_its_run_went(folder):
+    one = next(s for s in read_day(folder)["sessions"] if "laps" in s)
+    stopped, (run,) = one["stops"][0], one["runs"]
+    track = load_track()
+    assert stopped["place_m"] == pytest.approx((2.3 * track.length - 300.0) % track.length, abs=SPEED / 5)
+    assert (stopped["lap"], stopped["run"], stopped["again_s"]) == (3, 1, None)
+    assert run["km"] == pytest.approx(2.3 * track.length / 1000, rel=0.01) and run["top_speed"] == SPEED
+    assert run["seconds"] == pytest.approx(2.3 * LAP_S, abs=0.2)
+
+
+def test_runs_of_a_planner_that_was_started_again_are_others_and_no_lap_is_of_a_run_that_nobody_knows():
+    outing, lap = Outing(), Lap(1, 0.0, 50.0, (17.0, 17.0, 16.0))
+    outing.take_run(0.0, run_status(RunPhase.FLYING, "A1"))
+    outing.take_run(1.0, RunStatus(stamp_ns=1, seq=1, phase=RunPhase.NONE, number=0))
+    outing.moved(2.0, 30.0, lap)
+    outing.take_run(3.0, run_status(RunPhase.FLYING, "B2"))
+    outing.moved(4.0, 30.0, lap)
+    tree = outing.tree()
+    assert [(run["number"], run["tyres"]) for run in tree["runs"]] == [(1, "A1"), (2, "B2")]
+    assert "started again" in tree["runs"][0]["said"] and [lap["run"] for lap in tree["laps"]] == [0, 2]
+
+
+def test_a_gateway_that_was_killed_while_it_drove_is_a_stop_with_its_cause(tmp_path):
+    path = tmp_path / "session.mcap"
+    with SessionFile(path, {"session": {"started": "", "software": "1.0", "config": "{}"}}) as file:
+        for seconds, seq, action in ((1, 10, "drive"), (2, 20, "drive"), (7, 0, "silent"), (8, 10, "silent")):
+            status = gateway_status(seconds * 10**9, seq, action)
+            stamp_ns = UNIX_NS + status.stamp_ns
+            file.add(GATEWAY_STATUS.key, status.model_dump_json().encode(), stamp_ns, stamp_ns, seq)
+    (session,) = read_day(tmp_path)["sessions"]
+    (stopped,) = session["stops"]
+    assert (stopped["t"], stopped["cause"], stopped["text"]) == (
+        1.0,
+        "gateway_gone",
+        "another gateway speaks 5.0 s later",
+    )
+    assert [event["after"] for event in session["happened"]] == ["gateway silent"]
+
+
+def gateway_status(now_ns: int, seq: int, action: str) -> m.GatewayStatus:
+    return m.GatewayStatus(
+        stamp_ns=now_ns, seq=seq, armed=action == "drive", action=action, cause="", missing_for_arming=(), mode="armed",
+        bus="udp", bus_state="error_active", frames_received=0, frames_lost=0, frames_unknown=0, frames_malformed=0,
+        counter_errors=0, commands_sent=0, commands_limited=0, loop_latency_p50_ms=None, loop_latency_p99_ms=None,
+    )  # fmt: skip
 
 
 def test_two_laps_of_the_day_are_compared(folder, tmp_path):
