@@ -8,12 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hil_gateway.bus.messages import Command
+from hil_gateway.bus.messages import Command, FailsafeAction
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_NS
 
 SOURCE_TIMEOUT_S = 0.5
-"""A source silent for so long may be replaced or start over, but only while its commands do not drive the car."""
+"""A source silent for so long may start over, but not while it drives the car, and be replaced while disarmed."""
 
 EARLIER_NS = 3 * PERIOD_NS // 4
 """by which a command may come earlier than an interval after one that was taken late, in the period after its own"""
@@ -42,18 +42,18 @@ class CommandGate:
     interval_ns: int | None = None
     """between the two newest, ns"""
 
-    def offer(self, command: Command, now_ns: int, driving: bool, *, by_hand: bool = False) -> Refusal | None:
-        """Take `command` or say why not; one `by_hand` takes over from any source but another person.
-
-        `driving`: the newest drives the car, and not a stop, after which a person arms again.
-        """
+    def offer(self, command: Command, now_ns: int, action: FailsafeAction, *, by_hand: bool = False) -> Refusal | None:
+        """Take `command` or say why not; one `by_hand` takes over from any source but another person."""
         known = self.newest
-        if known is not None and not (self.age_s(now_ns) > SOURCE_TIMEOUT_S and not driving):
+        silent = self.age_s(now_ns) > SOURCE_TIMEOUT_S
+        if known is not None and not (silent and action is FailsafeAction.SILENT):
             same = command.source == known.source
             takes_over = (by_hand and not self.by_hand) or command.source == self.successor
             if not (same or takes_over):
                 return Refusal.SECOND_SOURCE
-            if same and (command.seq <= known.seq or command.state_stamp_ns < known.state_stamp_ns):
+            starts_over = silent and action is not FailsafeAction.DRIVE
+            earlier = command.seq <= known.seq or command.state_stamp_ns < known.state_stamp_ns
+            if same and earlier and not starts_over:
                 return Refusal.OUT_OF_ORDER
         if command.state_stamp_ns > now_ns:
             return Refusal.FROM_THE_FUTURE

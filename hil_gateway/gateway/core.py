@@ -126,7 +126,7 @@ class Gateway:
 
     def has_command(self, now_ns: int) -> bool:
         """Whether the planner's command of this period has come, or none is due."""
-        self.inbox.read_commands(now_ns, self.awaits_command)
+        self.inbox.read_commands(now_ns, self.decision.action)
         return not self.inbox.gate.expects(now_ns)
 
     def step(self, now_ns: int) -> None:
@@ -149,7 +149,7 @@ class Gateway:
         """Second phase: the command that has arrived by now, or the gateway's own, on the wire."""
         assert self._observed is not None, "nothing was observed"
         state, motion, pose, situation = self._observed
-        self.inbox.read_commands(now_ns, self.awaits_command)
+        self.inbox.read_commands(now_ns, self.decision.action)
         self._act(now_ns, state, motion, pose)
         self._report(situation)
 
@@ -165,7 +165,7 @@ class Gateway:
 
     def _read_bus(self, now_ns: int, before: Decision) -> None:
         """Commands, and the plan that a stop would follow."""
-        self.inbox.read_commands(now_ns, before.action is FailsafeAction.DRIVE)
+        self.inbox.read_commands(now_ns, before.action)
         if (plan := self.inbox.read_plan(now_ns)) is not None:
             self._actor.stopping.take_plan(plan, stopping=before.stopping)
 

@@ -7,7 +7,7 @@ from math import inf
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
-from hil_gateway.bus.messages import Estimate, OperatorAction, OperatorCommand, Plan
+from hil_gateway.bus.messages import Estimate, FailsafeAction, OperatorAction, OperatorCommand, Plan
 from hil_gateway.bus.outside import Navigation
 from hil_gateway.bus.track_day.run import RunPhase, RunStatus
 from hil_gateway.gateway.command_gate import CommandGate, Refusal
@@ -70,10 +70,10 @@ class Inbox:
         """Who has the right to command; empty before the first command."""
         return "" if self.gate.newest is None else self.gate.newest.source
 
-    def read_commands(self, now_ns: int, driving: bool) -> None:
+    def read_commands(self, now_ns: int, action: FailsafeAction) -> None:
         """Offer every command that arrived to the gate."""
         for command, by_hand in [(c, by_hand) for source, by_hand in self._commands for c in source.poll(now_ns)]:
-            refusal = self.gate.offer(command, now_ns, driving, by_hand=by_hand)
+            refusal = self.gate.offer(command, now_ns, action, by_hand=by_hand)
             if refusal is not None:
                 self.refused[refusal] = self.refused.get(refusal, 0) + 1
             if refusal is Refusal.SECOND_SOURCE:

@@ -142,7 +142,7 @@ def recording_info(*files: Path) -> dict[str, Any]:
                 at_s = (before_ns - (seen.start_ns or 0)) / NS_PER_S
                 gaps.append({"before": reader.path.name, "t": round(at_s, 3), "seconds": round(gap_ns / NS_PER_S, 3)})
             seen.add(held.seen)
-            story.take(held.items)
+            story.take(held.items, seen.start_ns or 0)
     first, newest = readers[0], readers[-1]
     session = dict(first.metadata.get("session", {}))
     damage = [(f"{reader.path.name}: " if len(files) > 1 else "") + str(d) for reader in readers for d in reader.damage]

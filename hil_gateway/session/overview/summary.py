@@ -62,7 +62,7 @@ def session_summary(path: Path, *following: Path) -> dict[str, Any]:
     run = RunStory(readers[0])
     for reader in readers:
         for messages in reader.batches():
-            run.take(looked_at(reader, messages))
+            run.take(looked_at(reader, messages), int(messages.log_ns.min()))
     return run.tree()
 
 
@@ -75,13 +75,13 @@ class RunStory:
         self._fault = ""
         self._newest = dict.fromkeys(SAMPLED, -1)
 
-    def take(self, items: Iterable[Item]) -> None:
-        """What is `looked_at`, in the order of the file."""
+    def take(self, items: Iterable[Item], start_ns: int) -> None:
+        """What is `looked_at`, in the order of the file, whose first message was recorded at `start_ns` (Unix, ns)."""
         if self._fault:
             return
         try:
             for item in filter(self._is_due, items):
-                self._story = self._story or self._begun(item.publish_ns)
+                self._story = self._story or self._begun(start_ns)
                 self._story.take(item)
         except InputError as error:
             self._fault = f"{self._first.path}: {error}" if isinstance(error, MessageError) else str(error)

@@ -9,7 +9,7 @@ from support.cars import car_messages
 from support.cars.ros_peer import encode
 
 from hil_gateway.bus.interface import LocalBus
-from hil_gateway.bus.messages import Command
+from hil_gateway.bus.messages import Command, FailsafeAction
 from hil_gateway.bus.topics import COMMAND, ROS2_COMMAND
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.inbox import Inbox
@@ -146,7 +146,7 @@ def test_gateway_takes_one_source_and_names_the_second():
     def send(topic, source: str, now_ns: int) -> None:
         numbers = {"stamp_ns": now_ns, "seq": now_ns, "state_stamp_ns": now_ns, "steer": 0.0, "drive": 0.0}
         bus.publish(topic, Command(source=source, **numbers))
-        inbox.read_commands(now_ns, driving=True)
+        inbox.read_commands(now_ns, FailsafeAction.DRIVE)
 
     send(ROS2_COMMAND, "ros2 1234 /follower", 1 * MS)
     assert (inbox.command_source, inbox.second_source) == ("ros2 1234 /follower", "")
