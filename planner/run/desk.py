@@ -57,9 +57,10 @@ class RunDesk:
 
     def step(self, now_ns: int, s: float, base: Reference) -> None:
         """Take requests in, with the car at progress `s` (m), and say where the run is."""
-        news = [r for r in self._requests.poll(now_ns) if (r.source, r.seq) not in self._known]
+        asked = {(r.source, r.seq): r for r in self._requests.poll(now_ns)}  # sent again until it is answered
+        news = [request for key, request in asked.items() if key not in self._known]
+        self._known |= asked.keys()
         for request in news:
-            self._known.add((request.source, request.seq))
             self._answered = request.source
             self._ask(request, s, base, now_ns)
         if self._black(now_ns):
