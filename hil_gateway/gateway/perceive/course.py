@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil_gateway.gateway.perceive.duration import UNSEEN_S
+from hil_gateway.gateway.perceive.duration import JITTER_S, UNSEEN_S
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
@@ -30,8 +30,6 @@ WEAVES_M, DEVIATIONS = 0.15, 7.5
 fixes are wrong"""
 DOUBTED = 1.0 / 3.0
 """of that, root mean square, beyond which fixes say no course"""
-ALONG_S = 0.02
-"""the same along, as time at the present speed: fixes that came two periods of the gateway late"""
 
 
 class Course(NamedTuple):
@@ -87,7 +85,7 @@ class CourseReader:
         residual = np.sqrt(np.mean(_turned(places - powers @ coefficients, coefficients[1]) ** 2, axis=0))
         speed = math.hypot(*coefficients[1])
         self.scatter_m = float(residual[1]) if speed > SLOWEST else 0.0
-        scattered = residual[1] > self._across or residual[0] > ALONG_S * speed
+        scattered = residual[1] > self._across or residual[0] > JITTER_S * speed
         return None if speed < SLOWEST or scattered else (coefficients, newest_ns)
 
 

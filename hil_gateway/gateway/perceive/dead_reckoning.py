@@ -13,26 +13,23 @@ from typing import NamedTuple
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
-from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
+from hil_gateway.gateway.perceive.fading_ratio import LEARNT, FadingRatio
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.clock import NS_PER_S
 
 FIX_GAIN = 0.3
-"""share of its distance to a fix by which the pose moves: at 20 fixes a second, 1 m/s of drift stay below 0.2 m"""
+"""share of its distance to a fix by which the pose moves: at 20 fixes a second, 1 m/s of drift stay below 0.2 m.
+Without a gyro the heading turns by that share of the angle to it: 0.02 m of noise on 1 m are 6 mrad"""
 GATE_M = 2.0
 GATE_PER_M = 0.1
 """a fix further away than this, growing with the way since the last one taken, is no fix"""
 
-YAW_GAIN = 0.3
-"""share of the angle to a fix by which the heading turns when there is no gyro: 0.02 m of noise on 1 m are 6 mrad"""
 SHORTEST_M = 0.5
 """way between fixes from which their direction says something"""
 
 SLIP_FROM = 8.0
 """m/s from which side slip matters"""
-SLIP_LEARNT = 0.005
-"""weight of an estimate: two seconds"""
 SLIP_MOST = 0.008
 """rad per m/s2: a rear axle at its limit at 10 m/s2 and 0.08 rad"""
 
@@ -57,7 +54,7 @@ class DeadReckoning:
     def __init__(self, rear: float) -> None:
         """`rear`: distance of the rear axle behind the centre of gravity, m."""
         self._rear = rear
-        self._yields = FadingRatio(SLIP_LEARNT, xx=1.0)
+        self._yields = FadingRatio(LEARNT, xx=1.0)
         """slip angle of the rear axle over a_y, as the estimates say, rad a m/s2"""
         self.pose: Pose | None = None
         self._by_gyro = True
@@ -135,6 +132,6 @@ class DeadReckoning:
             return pose
         across = math.cos(pose.yaw) * dy - math.sin(pose.yaw) * dx
         drifts = motion.repaired or not motion.by_gyro
-        turned = math.atan2(YAW_GAIN * across, self._blind_m) if drifts and self._blind_m >= SHORTEST_M else 0.0
+        turned = math.atan2(FIX_GAIN * across, self._blind_m) if drifts and self._blind_m >= SHORTEST_M else 0.0
         self._blind_m = 0.0
         return Pose(pose.x + FIX_GAIN * dx, pose.y + FIX_GAIN * dy, pose.yaw + turned, pose.speed, pose.slip)

@@ -6,6 +6,12 @@ from hil_gateway.process.clock import NS_PER_S
 
 UNSEEN_S = 0.5
 """s after which what was held up begins anew: a yaw rate that changes by 0.1 rad/s2 is 12 mrad off then"""
+JITTER_S = 0.03
+"""three periods, by which anything may come late, or early"""
+SILENT_S = 0.05
+"""five periods of the fastest reports: nothing of them is a silence"""
+CONTRADICTED_S = 0.1
+"""two fixes at 20 Hz, or readings of other receivers at 10 Hz: what contradicts for longer is no single wrong one"""
 
 
 class ConditionTime:

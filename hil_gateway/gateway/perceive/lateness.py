@@ -10,14 +10,10 @@ from __future__ import annotations
 import math
 
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.duration import JITTER_S, SILENT_S
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S
-
-SILENT_S = 0.05
-"""without any frame: five periods of the fastest reports"""
-LEAST_S = 0.03
-"""three periods; less is jitter"""
 
 
 class Lateness:
@@ -52,7 +48,7 @@ class Lateness:
         if self._since_ns and count != self._count and count is not None and self._count is not None:
             self._advanced += (count - self._count) % self._modulus
             self.late_ns = newest_ns - self._since_ns - self._advanced * self._period_ns
-            if self.late_ns < LEAST_S * NS_PER_S:
+            if self.late_ns < JITTER_S * NS_PER_S:
                 self.forget()
         self._heard_ns = now_ns if held_up else self._heard_ns if self.pauses else newest_ns
         self._newest_ns, self._count = newest_ns, count

@@ -10,8 +10,10 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
-from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
+from hil_gateway.gateway.perceive.duration import UNSEEN_S
+from hil_gateway.gateway.perceive.fading_ratio import LEARNT, FadingRatio
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair, RepairedGyro
+from hil_gateway.observer.bank import RENEWED_S
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_S
 
@@ -24,14 +26,9 @@ LEARNING_FROM = 10.0
 """m/s from which that difference shows"""
 UNDERSTEER = 1e-3
 """rad per m/s2 of lateral force before anything has been learnt: a racing car at moderate lateral force"""
-UNDERSTEER_LEARNT = 0.005
-"""weight of a period: two seconds"""
-SETTLES = 150
-"""periods (1.5 s) before a wrong IMU is found, in which it may have taught what is wrong"""
-UNDERSTEER_MOST = 2e-3
-"""rad per m/s2 of lateral force: a car that turns at 80 m/s a fifth of what its steering angle means"""
-UNDERSTEER_LEAST = -1e-3
-"""a car whose front tyres are a quarter better than its rear ones, under the brakes"""
+UNDERSTEER_MOST = 2.0 * UNDERSTEER
+"""a car that turns at 80 m/s a fifth of what its steering angle means; the other way as much as the expected one, where
+the front tyres are a quarter better than the rear ones under the brakes"""
 SHORTEST_SHARE = 0.4
 """of the wheelbase at least that a car turns as if it had: one that oversteers more is not steady"""
 BRAKED_UNDERSTEER = 0.5
@@ -39,20 +36,16 @@ BRAKED_UNDERSTEER = 0.5
 BRAKE_SLIP = 0.0025
 """slip of the second fastest wheel a m/s2 of braking before anything has been learnt: slicks under a car of 1.5 g of
 downforce; in 300 m of braking it adds up to several metres"""
-BRAKE_SLIP_MOST = 0.006
-"""of tyres half as stiff"""
 RADII_MOST = 0.03
 """that rolling radii may differ from the declared one: pressure, wear, growth with speed"""
 ROLLING, BRAKED = 0.5, 3.0
 """m/s2 by the brakes below which wheels roll, and above which their slip shows"""
-CLOSED = 0.02
-"""accelerator"""
 SPEED_LEARNT = 0.01
 """weight of a period: one second"""
 BRAKES_MOST = 0.3
 """by which brakes may do more or less than declared: pads, lines, mass of the car"""
 POWERED = 0.02
-"""slip-ratio drive command from which the engine may spin the driven wheels"""
+"""accelerator, and slip-ratio drive command, from which the engine may spin the driven wheels"""
 SPIN_LEAST = 0.6
 """front over rear wheels' speed: driven wheels do not spin by more than two thirds; less is a dead front sensor"""
 TURNED_S = 0.04
@@ -62,8 +55,6 @@ WHEELS_SHARE = 0.5
 the turn; in a slide the steering shows less than there is, or the other way"""
 LEAST_AHEAD = 0.8
 """front over rear axle's speed: with 0.3 rad of steering 0.96 and more; less is a wrong yaw rate"""
-LONGEST_S = 0.1
-"""longest period that is integrated, s"""
 
 
 def periods_late(car: Car) -> int:
@@ -123,12 +114,12 @@ class MotionReader:
         """m/s2 of lateral force: wheels whose difference means more have locked"""
         self._slowing_most = self._turning_most + vehicle.drag(fastest)
         self._lately, self._under_brakes = (
-            FadingRatio(UNDERSTEER_LEARNT, UNDERSTEER, 1.0),
-            FadingRatio(UNDERSTEER_LEARNT),
+            FadingRatio(LEARNT, UNDERSTEER, 1.0),
+            FadingRatio(LEARNT),
         )
         """steering angle beyond that of a slow car over lateral force, rad a m/s2"""
-        self._taught: deque[_Taught] = deque([self._teaches(1.0)], maxlen=SETTLES)
-        """of the last periods with an IMU"""
+        self._taught: deque[_Taught] = deque([self._teaches(1.0)], maxlen=round(RENEWED_S / PERIOD_S))
+        """of the last periods with an IMU, as long as one that the observer finds wrong may have taught wrongly"""
         self._brakes = 1.0
         """that share by now"""
         self._mismatch_front = self._mismatch = 0.0
@@ -162,7 +153,7 @@ class MotionReader:
     ) -> Motion:
         """Motion at `now_ns`; once a period. `course` is that of the position fixes, where they are believed;
         `commanded` stands on the wire, None where nothing is sent."""
-        dt = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) / NS_PER_S, 0.0), LONGEST_S)
+        dt = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) / NS_PER_S, 0.0), UNSEEN_S)
         self._last_ns = now_ns
         imu = state.sources["imu"].valid and self.believe_imu
         wheels = state.sources["wheel_speeds"].valid and self.believe_wheels
@@ -207,10 +198,10 @@ class MotionReader:
             return
         speed = estimate.vx + state.ax * (now_ns - estimate.state_stamp_ns) / NS_PER_S
         faster, braking = speed / wheel - 1.0, self._pressed(state)
-        if braking < ROLLING and state.accelerator < CLOSED:
+        if braking < ROLLING and state.accelerator < POWERED:
             self._radii += SPEED_LEARNT * (min(max(faster, -RADII_MOST), RADII_MOST) - self._radii)
         elif braking > BRAKED:
-            slip = min(max((faster - self._radii) / braking, 0.0), BRAKE_SLIP_MOST)
+            slip = min(max((faster - self._radii) / braking, 0.0), 2.0 * BRAKE_SLIP)  # of tyres half as stiff
             self._brake_slip += SPEED_LEARNT * (slip - self._brake_slip)
 
     @property
@@ -266,7 +257,7 @@ class MotionReader:
     def _teaches(self, brakes: float) -> _Taught:
         understeer = min(max(self._lately.alone, 0.0), UNDERSTEER_MOST)
         braked = self._under_brakes.ratio(BRAKED_UNDERSTEER * understeer)
-        return _Taught(understeer, min(max(braked, UNDERSTEER_LEAST), UNDERSTEER_MOST), brakes)
+        return _Taught(understeer, min(max(braked, -UNDERSTEER), UNDERSTEER_MOST), brakes)
 
     def _learn_brakes(self, state: VehicleState, speed: float) -> None:
         """Longitudinal specific force beside drag over that of the pressures as declared."""

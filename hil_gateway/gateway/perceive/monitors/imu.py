@@ -32,16 +32,11 @@ WINDOW = 20
 """periods (0.2 s) of noise; a mean of so many differs from the usual one by a fifth"""
 USUAL = 500
 """periods (5 s) over which the usual noise is learnt"""
-HELD_S, MISSED_S = PERIOD_S, 2 * PERIOD_S
-"""s; age of a reading that is the one before, and of one after which two were missed: all that changed comes at once"""
 RESOLVED = 6.0
 """steps of the report of usual noise from which less can be told"""
-UNMOVED = 1.5
-"""m/s2 that a force steps by at most in sound drives"""
 MIRROR = 0.1
-"""of a step, within which a reading is the one before with the other sign: a car turns on by less in a period"""
-SCALED = 0.2
-"""of the yaw rate before, below which the one after a step is one of another scale"""
+"""of a step, within which a reading is the one before with the other sign: a car turns on by less in a period; one that
+is less than that of the one before is of another scale"""
 
 
 class ImuMonitor:
@@ -63,12 +58,13 @@ class ImuMonitor:
         if speed <= 0.0:
             self.found, self.repair = False, None
         imu = state.sources["imu"]
-        if speed < JUDGED_FROM or not imu.valid or imu.age_s is None or imu.age_s >= MISSED_S:
+        if speed < JUDGED_FROM or not imu.valid or imu.age_s is None or imu.age_s >= 2 * PERIOD_S:
+            # two were missed: all that changed comes at once
             self._readings.clear()
             for noise in self._noise:
                 noise.forget()
             return
-        if imu.age_s >= HELD_S:
+        if imu.age_s >= PERIOD_S:  # it is the one before
             return
         self._readings.append((state.yaw_rate, state.ay, state.ax))
         if not self.found and self._stepped():
@@ -96,8 +92,8 @@ class ImuMonitor:
             if mirrored:
                 return GyroRepair(sign=-1.0, force=-1.0)
             return GyroRepair(force=-1.0) if stands and abs(before) > TURN else None
-        moved = any(abs(force[STEADY] - force[STEADY - 1]) > UNMOVED for force in forces)
-        if stands or moved or mirrored or abs(after) < SCALED * abs(before):
+        moved = any(abs(force[STEADY] - force[STEADY - 1]) > 0.5 * FORCE for force in forces)
+        if stands or moved or mirrored or abs(after) < MIRROR * abs(before):
             return None
         return GyroRepair(offset=after - before)
 

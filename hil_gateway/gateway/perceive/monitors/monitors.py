@@ -9,9 +9,9 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.course import Course
+from hil_gateway.gateway.perceive.course import OLDEST_S, Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.duration import ConditionTime
+from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, SILENT_S, ConditionTime
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
 from hil_gateway.gateway.perceive.inbox import usable
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
@@ -29,12 +29,6 @@ from hil_gateway.track.track import Track
 INFINITE = float("inf")
 IMU_MEASURES = ("yaw_rate_wrong", "acceleration_wrong", "commands_unanswered")
 """contradictions in which the IMU may be the one that is wrong"""
-IMU_GONE_S = 0.05
-"""s without an IMU that is a cause to stop"""
-BLIND_S = 0.2
-"""s without a fix, of 20 a second"""
-IMU_WRONG_S = 0.1
-"""s of contradiction after which the IMU is replaced by wheels and steering"""
 
 STEERS = (SysState.DRIVING, SysState.EMERGENCY)
 """in which the car follows steering commands"""
@@ -97,8 +91,8 @@ class Monitors:
 
     @property
     def blind(self) -> bool:
-        """Whether no fixes hold the pose: wrong, or none for `BLIND_S`."""
-        return self.position.lost_s > BLIND_S or (self.position.wrong and not self.imu_wrong)
+        """Whether no fixes hold the pose: wrong, or none for `OLDEST_S`."""
+        return self.position.lost_s > OLDEST_S or (self.position.wrong and not self.imu_wrong)
 
     @property
     def estimate_fits(self) -> bool:
@@ -161,7 +155,7 @@ class Monitors:
         self._distrust(max(measures[name] for name in IMU_MEASURES), sensors)
         distrusted = {
             "wheel_speed_wrong": self._without_wheels.update(self.wheels_wrong, now_ns),
-            "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns) + IMU_WRONG_S * self.imu_wrong,
+            "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns) + CONTRADICTED_S * self.imu_wrong,
         }
         return measures | {name: max(measures[name], held_s) for name, held_s in distrusted.items()}
 
@@ -221,7 +215,7 @@ class Monitors:
         """An IMU that is gone while the wheels go on reporting."""
         alone = state.sources["wheel_speeds"].valid and not state.sources["imu"].valid
         held_s = self._imu_missed.update(alone, now_ns)
-        self._imu_gone = self._imu_false or (self.stopping and (self._imu_gone or held_s > IMU_GONE_S))
+        self._imu_gone = self._imu_false or (self.stopping and (self._imu_gone or held_s > SILENT_S))
 
     def _distrust(self, held_s: float, sensors: SensorMonitors) -> None:
         """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
@@ -234,7 +228,7 @@ class Monitors:
         slides = self.steering_reversed or self.flat
         held_s = 0.0 if slides else held_s
         outvoted = sensors.outvoted and not slides
-        held = max(sensors.imu_off, held_s if sensors.fixes else 0.0) > IMU_WRONG_S and not slides
+        held = max(sensors.imu_off, held_s if sensors.fixes else 0.0) > CONTRADICTED_S and not slides
         found = outvoted or held
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.stopping = self.stopping

@@ -13,34 +13,25 @@ from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import apart_at_most
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.duration import UNSEEN_S, ConditionTime
+from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, JITTER_S, UNSEEN_S, ConditionTime
+from hil_gateway.gateway.perceive.inbox import ESTIMATE_MAX_S
 from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.positions.fixes import MOVING
 from hil_gateway.process.clock import NS_PER_S
 
-JUDGED_FROM = 5.0
-"""m/s: slower, the way between fixes is no longer than the tolerance"""
 ACROSS = 0.08
 """of the way: side slip of 0.08 rad, the most the tyres hold, that the reckoned heading leaves out"""
 ALONG = 0.06
 """of the way: slip of the wheels when driven or braked hard"""
-JITTER_S = 0.03
-"""a fix that came three periods of the gateway late, or early"""
 SHARE = 0.12
 """of the way that fixes may lead aside or ahead on average: side slip (0.08) and unequal rolling radii (0.05)"""
 AVERAGED = 0.1
 """weight of a fix in that average: half a second"""
-FORGIVEN = 0.25
-"""refused fixes an accepted one makes up for: single outliers are forgotten, every second one is not"""
 WRONG = 4.0
-"""refused fixes in a row, 0.2 s at 20 Hz"""
+"""refused fixes in a row, 0.2 s at 20 Hz; so many accepted ones make up for one of them: single outliers are forgotten,
+every second one is not"""
 SCATTERED_S = 0.45
 """longer than one wild fix is among the eight of a course"""
-SETTLED_S = 0.2
-"""s of valid states after which an invalid estimate answers one of them: twice the age an estimate may have"""
-OUTVOTED_S = 0.1
-"""s both other receivers have moved away from them: two readings of each at 10 Hz"""
-CONTRADICTED_S = 0.1
-"""s their course contradicts IMU and wheels: two fixes at 20 Hz"""
 
 
 class PositionMonitor:
@@ -86,7 +77,7 @@ class PositionMonitor:
 
     def outvoted(self, held_s: float) -> None:
         """Both other receivers have moved away from the fixes for so long."""
-        tells = self._reference is not None and held_s > OUTVOTED_S
+        tells = self._reference is not None and held_s > CONTRADICTED_S
         self._drifts = self._drifts or (tells and not (self.suspect or self._scatters))
         self._note(tells, "both other receivers have moved away from them")
 
@@ -107,8 +98,9 @@ class PositionMonitor:
 
         `believed`: so are the sensors it judges them by.
         """
+        # valid states for twice the age that an estimate may have: an invalid one answers one of them
         answers = believed and state.valid and self._reference is not None and estimate.alive(now_ns)
-        settled = self._answering.update(answers, now_ns) > SETTLED_S
+        settled = self._answering.update(answers, now_ns) > 2.0 * ESTIMATE_MAX_S
         refuses = settled and self._estimated and not estimate.valid(now_ns)
         self.source = "the estimator refuses them" if refuses and not (self.wrong or self.refused) else self.source
         self.refused = self.refused or refuses
@@ -120,7 +112,7 @@ class PositionMonitor:
         self._last_ns = now_ns
         if dt > UNSEEN_S:  # held up itself
             self._reference = None
-        if pose is None or motion.speed < JUDGED_FROM:
+        if pose is None or motion.speed < MOVING:
             self._reference, self._level, self._aside, self._ahead = None, 0.0, 0.0, 0.0
             self.lost_s, self._fix_ns = 0.0, now_ns
             found = self.wrong, self.refused, self._drifts
@@ -148,7 +140,7 @@ class PositionMonitor:
             return
         along, across = self._offset(x, y)
         if self._agrees(along, across, motion.speed):
-            self._level = max(self._level - FORGIVEN, 0.0)
+            self._level = max(self._level - 1.0 / WRONG, 0.0)
             self._take(along, across, pose)
         else:
             self._level = min(self._level + 1.0, WRONG)

@@ -18,6 +18,7 @@ import numpy as np
 
 from hil_gateway.car.car import Car, Receiver
 from hil_gateway.config import OriginConfig
+from hil_gateway.gateway.perceive.course import OLDEST_S
 from hil_gateway.gateway.perceive.duration import UNSEEN_S, ConditionTime
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
@@ -29,8 +30,6 @@ LINE = 30
 """fixes: 1.5 s, as late as a receiver may be"""
 CHORD = 2
 """fixes to either side between which the line's direction and speed are taken"""
-AHEAD_S = 0.1
-"""by which a reading may be newer than the newest fix: two periods of them"""
 STALE = 3.5
 """periods without a reading after which a receiver says nothing: three are lost"""
 LATE_WALK = 1e-4**2
@@ -90,7 +89,7 @@ class _Line:
     def at(self, t: float) -> tuple[float, float, float, float] | None:
         """Place (m) and velocity (m/s) in the map at `t` (s); None where no fixes are near."""
         fixes = self._fixes
-        if len(fixes) <= 2 * CHORD or t < fixes[0][0] or t > fixes[-1][0] + AHEAD_S:
+        if len(fixes) <= 2 * CHORD or t < fixes[0][0] or t > fixes[-1][0] + OLDEST_S:
             return None
         after = len(fixes) - 1
         while after > 1 and fixes[after - 1][0] >= t:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.duration import JITTER_S, UNSEEN_S
 from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM, SPEED_WINDOW
-from hil_gateway.gateway.perceive.motion import LONGEST_S, POWERED, Motion, wheel_speeds
+from hil_gateway.gateway.perceive.motion import POWERED, Motion, wheel_speeds
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_S
 
@@ -60,10 +61,10 @@ class WheelMonitor:
 
     def step(self, now_ns: int, state: VehicleState, motion: Motion) -> float:
         """Seconds one wheel has disagreed."""
-        dt = 0.0 if self._last_ns is None else min((now_ns - self._last_ns) / NS_PER_S, LONGEST_S)
+        dt = 0.0 if self._last_ns is None else min((now_ns - self._last_ns) / NS_PER_S, UNSEEN_S)
         self._last_ns = now_ns
         locked, apart = self._locked.step(state, motion.speed), self._one_apart(state, motion)
-        fell = [fell and dt < LONGEST_S for fell in self._fell(state)]
+        fell = [fell and dt < JITTER_S for fell in self._fell(state)]
         self.all_fell = len(fell) > 0 and all(fell)
         self._jumped = apart != 0.0 and (self._jumped or any(fell))
         if apart == 0.0:

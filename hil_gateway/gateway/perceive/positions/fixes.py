@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from hil_gateway.process.clock import NS_PER_S
 
 MOVING = 5.0
-"""m/s"""
+"""m/s: slower, the way between fixes is no longer than what they may be apart"""
 ROW = 10
 """fixes (0.5 s) that each lead further on: a jump of the receiver is one, and noise turns back"""
 

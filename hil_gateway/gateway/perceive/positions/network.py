@@ -20,9 +20,11 @@ from hil_gateway.bus.outside import Navigation, Quality, Velocity
 from hil_gateway.bus.topics import NAVIGATION
 from hil_gateway.car.car import Receiver
 from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, UNSEEN_S
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.settings.gateway import PERIOD_S
 
-OLDEST_NS = NS_PER_S // 2
+OLDEST_NS = round(UNSEEN_S * NS_PER_S)
 """of a fix that is brought up: a race car changes its speed by 10 m/s in it"""
 VELOCITY_NS = NS_PER_S // 5
 """between a fix and the velocity that goes with it"""
@@ -36,8 +38,8 @@ MISSING_NS, CARRIED_NS = NS_PER_S // 10, NS_PER_S // 20
 """since the last fix: two of them are missing; and between two places that go on so"""
 POINTING = ("INSPVAX", "INSPVAS", "HEADING2", "DUALANTENNAHEADING", "HDT")
 """logs that say where the car points, best first: two of one receiver differ by how its parts are mounted"""
-KEPT = 64
-"""periods of 10 ms: `OLDEST_NS` and some"""
+KEPT = round((UNSEEN_S + CONTRADICTED_S) / PERIOD_S)
+"""periods: `OLDEST_NS`, and two fixes"""
 
 
 @dataclass(slots=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.monitors.position import OUTVOTED_S
+from hil_gateway.gateway.perceive.duration import CONTRADICTED_S
 from hil_gateway.gateway.perceive.monitors.receivers import OtherReceivers
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.plant.controller.sensors import Noise, StandaloneReceiver
@@ -94,7 +94,7 @@ def drive(
         for _ in range(5):  # at 100 Hz
             held_s = others.step(now_ns, reports, learns=found_s is None)
             now_ns += FIX_NS // 5
-        found_s = since_s if found_s is None and held_s > OUTVOTED_S else found_s
+        found_s = since_s if found_s is None and held_s > CONTRADICTED_S else found_s
         truth = east, north
         if found_s is not None and since_s >= found_s + on_s:
             break
