@@ -203,7 +203,6 @@ class Gateway:
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
         motion = monitors.motion.step(then_ns, state, course if fixes_fitted else None, commanded)
         monitors.position.step(then_ns, state, motion, self._dead_reckoning.pose)
-        monitors.position.scattered(now_ns, self._course.scatter_m)
         learns = not monitors.position.wrong
         outvoted_s = self._receivers.step(now_ns, self.builder, learns)
         estimate = self.inbox.read_estimate(now_ns)
@@ -211,8 +210,6 @@ class Gateway:
             monitors.position.outvoted(outvoted_s)
             monitors.heed(now_ns, state, self.inbox.estimate, self._dead_reckoning.pose is not None)
         believed = estimate if monitors.estimate_fits and in_time else None
-        if believed is not None and believed.valid and not before.stopping:
-            monitors.motion.teach(now_ns, state, believed)
         drifts, aside = monitors.position.drifts, self._drifted(known)
         pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fixes_fit or drifts, aside)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat

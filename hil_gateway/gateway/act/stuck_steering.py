@@ -19,7 +19,7 @@ import numpy as np
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
-from hil_gateway.gateway.perceive.monitors.actuators import moved_share
+from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, moved_share
 from hil_gateway.gateway.perceive.motion import UNDERSTEER, UNDERSTEER_MOST, Motion, periods_late
 from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
@@ -52,8 +52,6 @@ ASKED = 0.0015
 """rad at the road wheel (1.3 deg at the motor), root mean square, of a command that moves beyond play and noise"""
 MEANT = 0.02
 """rad/s, root mean square, of change that a command means: ten times the gyro's noise"""
-MOVED_SHARE = 0.5
-"""of its command that a report shows at least; steering an eighth as fast as the motor shows a quarter of a swerve"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,8 +58,6 @@ class CourseReader:
         self._seq = 0
         self._fit: tuple[Array, int] | None = None
         """coefficients (3, 2) of time since its stamp, and that stamp"""
-        self.scatter_m = 0.0
-        """root mean square distance of the newest fixes from their parabola, across; 0 where there is none"""
 
     def step(self, now_ns: int, fixes: Fixes) -> Course | None:
         """Course at `now_ns`; None where fixes are missing, slow or scattered."""
@@ -75,7 +73,7 @@ class CourseReader:
         return _moving(coefficients.tolist(), (now_ns - stamp_ns) / NS_PER_S)
 
     def _fitted(self) -> tuple[Array, int] | None:
-        newest_ns, self.scatter_m = self._fixes[-1][0], 0.0
+        newest_ns = self._fixes[-1][0]
         t = np.array([(stamp - newest_ns) / NS_PER_S for stamp, _, _ in self._fixes])
         if len(t) < FITTED or not (np.diff(t) > 0.0).all():
             return None
@@ -84,7 +82,6 @@ class CourseReader:
         coefficients = np.linalg.lstsq(powers, places, rcond=None)[0]
         residual = np.sqrt(np.mean(_turned(places - powers @ coefficients, coefficients[1]) ** 2, axis=0))
         speed = math.hypot(*coefficients[1])
-        self.scatter_m = float(residual[1]) if speed > SLOWEST else 0.0
         scattered = residual[1] > self._across or residual[0] > JITTER_S * speed
         return None if speed < SLOWEST or scattered else (coefficients, newest_ns)
 

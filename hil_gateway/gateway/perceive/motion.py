@@ -6,7 +6,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
@@ -34,18 +34,12 @@ SHORTEST_SHARE = 0.4
 BRAKED_UNDERSTEER = 0.5
 """of the understeer is left under the brakes: they load the front axle, and it was learnt mostly under power"""
 BRAKE_SLIP = 0.0025
-"""slip of the second fastest wheel a m/s2 of braking before anything has been learnt: slicks under a car of 1.5 g of
+"""slip of the second fastest wheel a m/s2 of braking: slicks under a car of 1.5 g of
 downforce; in 300 m of braking it adds up to several metres"""
-RADII_MOST = 0.03
-"""that rolling radii may differ from the declared one: pressure, wear, growth with speed"""
-ROLLING, BRAKED = 0.5, 3.0
-"""m/s2 by the brakes below which wheels roll, and above which their slip shows"""
-SPEED_LEARNT = 0.01
-"""weight of a period: one second"""
-BRAKES_MOST = 0.3
-"""by which brakes may do more or less than declared: pads, lines, mass of the car"""
+BRAKED = 3.0
+"""m/s2 by the brakes above which the load that they shift shows"""
 POWERED = 0.02
-"""accelerator, and slip-ratio drive command, from which the engine may spin the driven wheels"""
+"""slip-ratio drive command from which the engine may spin the driven wheels"""
 SPIN_LEAST = 0.6
 """front over rear wheels' speed: driven wheels do not spin by more than two thirds; less is a dead front sensor"""
 TURNED_S = 0.04
@@ -88,15 +82,13 @@ class _Taught(NamedTuple):
     """rad of steering angle a m/s2 of lateral force, lately"""
     braked: float
     """the same under the brakes"""
-    brakes: float
-    """share of the declared force that the brakes make"""
 
 
 class MotionReader:
     """Picks, every period, the best source that is valid.
 
-    Speed: the second fastest wheel (one sensor may be wrong), at the centre of gravity and with the slip that estimates
-    have taught, held against locking by what tyres can do; without wheels that of the fixes, then the IMU carries it
+    Speed: the second fastest wheel (one sensor may be wrong), at the centre of gravity and with the slip that brakes
+    make, held against locking by what tyres can do; without wheels that of the fixes, then the IMU carries it
     on. Yaw rate: the gyro, also one that failed in a known way, with that taken back; without it the turn rate of the
     fixes' course, then the rear wheels' difference (which
     braking falsifies), then v tan(delta) / (L + K v^2) with the understeer K that the gyro has taught. Turn rates are
@@ -118,14 +110,10 @@ class MotionReader:
             FadingRatio(LEARNT),
         )
         """steering angle beyond that of a slow car over lateral force, rad a m/s2"""
-        self._taught: deque[_Taught] = deque([self._teaches(1.0)], maxlen=round(RENEWED_S / PERIOD_S))
+        self._taught: deque[_Taught] = deque([self._teaches()], maxlen=round(RENEWED_S / PERIOD_S))
         """of the last periods with an IMU, as long as one that the observer finds wrong may have taught wrongly"""
-        self._brakes = 1.0
-        """that share by now"""
         self._mismatch_front = self._mismatch = 0.0
         """(right - left) / (track v) on a straight, 1/m"""
-        self._radii, self._brake_slip = 0.0, BRAKE_SLIP
-        """speed over that of the second fastest wheel less 1: while it rolls, and a m/s2 of braking on top of it"""
         self._last_ns: int | None = None
         self._steered: deque[float] = deque(maxlen=COURSE_WINDOW)
         """v tan(delta) / L of the periods a course spans, rad/s"""
@@ -191,19 +179,6 @@ class MotionReader:
         self.motion = Motion(speed, yaw_rate, force, by_gyro, self._learnt.understeer, prompt, wheels, repaired)
         return self.motion
 
-    def teach(self, now_ns: int, state: VehicleState, estimate: Estimate) -> None:
-        """How much faster than its wheels the car goes, by an estimate that fits everything else; once a period."""
-        wheel = self._second_fastest(state)
-        if wheel < LEARNING_FROM or not state.valid:
-            return
-        speed = estimate.vx + state.ax * (now_ns - estimate.state_stamp_ns) / NS_PER_S
-        faster, braking = speed / wheel - 1.0, self._pressed(state)
-        if braking < ROLLING and state.accelerator < POWERED:
-            self._radii += SPEED_LEARNT * (min(max(faster, -RADII_MOST), RADII_MOST) - self._radii)
-        elif braking > BRAKED:
-            slip = min(max((faster - self._radii) / braking, 0.0), 2.0 * BRAKE_SLIP)  # of tyres half as stiff
-            self._brake_slip += SPEED_LEARNT * (slip - self._brake_slip)
-
     @property
     def steered(self) -> float:
         """Yaw rate that the steering angle comes to by now, rad/s."""
@@ -251,28 +226,19 @@ class MotionReader:
         self._lately.learn(beyond, state.ay)
         if self._pressed(state) > BRAKED and not self.stopping:
             self._under_brakes.learn(beyond, state.ay)
-        self._learn_brakes(state, speed)
-        self._taught.append(self._teaches(self._brakes))
+        self._taught.append(self._teaches())
 
-    def _teaches(self, brakes: float) -> _Taught:
+    def _teaches(self) -> _Taught:
         understeer = min(max(self._lately.alone, 0.0), UNDERSTEER_MOST)
         braked = self._under_brakes.ratio(BRAKED_UNDERSTEER * understeer)
-        return _Taught(understeer, min(max(braked, -UNDERSTEER), UNDERSTEER_MOST), brakes)
-
-    def _learn_brakes(self, state: VehicleState, speed: float) -> None:
-        """Longitudinal specific force beside drag over that of the pressures as declared."""
-        braking = self._pressed(state)
-        if braking > BRAKED:
-            share = -(state.ax + self._vehicle.drag(speed)) / braking
-            self._brakes += SPEED_LEARNT * (min(max(share, 1.0 - BRAKES_MOST), 1.0 + BRAKES_MOST) - self._brakes)
+        return _Taught(understeer, min(max(braked, -UNDERSTEER), UNDERSTEER_MOST))
 
     def _speed(  # noqa: PLR0917 - what it is taken from
         self, state: VehicleState, imu: bool, wheels: bool, dt: float, course: Course | None,
         commanded: ActuatorPositions | None,
     ) -> float:  # fmt: skip
         if wheels:
-            slip = self._brake_slip * self._braked(state, commanded)
-            by_wheels = self._second_fastest(state) * (1.0 + self._radii + slip)
+            by_wheels = self._second_fastest(state) * (1.0 + BRAKE_SLIP * self._braked(state, commanded))
             return max(by_wheels, self.motion.speed - self._slowing_most * dt)
         if course is not None:
             return course.speed
@@ -303,8 +269,7 @@ class MotionReader:
         """Deceleration by the brakes that are asked for and by drag, m/s2; 0 where nothing is sent."""
         if commanded is None or commanded.accelerator > 0.0:
             return 0.0
-        pressed = (commanded.brake_front + commanded.brake_rear) * self._per_pa
-        return self._learnt.brakes * pressed + self._vehicle.drag(self.motion.speed)
+        return (commanded.brake_front + commanded.brake_rear) * self._per_pa + self._vehicle.drag(self.motion.speed)
 
     def _by_repair(self, state: VehicleState, speed: float, course: Course | None) -> tuple[float, float] | None:
         """Yaw rate (rad/s) and lateral specific force (m/s2) of an IMU that has a repair."""

@@ -131,8 +131,9 @@ class FollowingMonitor:
 
 TURNS = 0.3
 """of v tan(delta) / L: the yaw rate of heavy understeer at top speed"""
-AGAINST = -0.5
-"""share of its command by which steering moves that is reversed, or less: play takes some of -1"""
+MOVED_SHARE = 0.5
+"""of its command that steering moves by at least, or the other way where it is reversed: play takes some of it, and one
+an eighth as fast as the motor shows a quarter of a swerve"""
 
 
 def moved_share(done: Array, asked: Array) -> float:
@@ -179,7 +180,7 @@ class ReversedMonitor:
         """Whether it goes to the other side as its command moves, however slowly, and does not only stand there."""
         late, full = self._of.late, len(self._asked) == self._of.window
         asked, reported = np.array(self._asked)[:-late], np.array(self._reported)[late:]
-        return full and asked.std() > self._of.still and moved_share(reported, asked) < AGAINST
+        return full and asked.std() > self._of.still and moved_share(reported, asked) < -MOVED_SHARE
 
 
 class AccelerationMonitor:

@@ -30,8 +30,6 @@ AVERAGED = 0.1
 WRONG = 4.0
 """refused fixes in a row, 0.2 s at 20 Hz; so many accepted ones make up for one of them: single outliers are forgotten,
 every second one is not"""
-SCATTERED_S = 0.45
-"""longer than one wild fix is among the eight of a course"""
 
 
 class PositionMonitor:
@@ -56,7 +54,6 @@ class PositionMonitor:
         """by the estimator, until the car stands"""
         self._contradicted = self._drifts = False
         self._answering, self._estimated = ConditionTime(), False
-        self._scatter, self._scatters = ConditionTime(), False
         self.lost_s = 0.0
         """seconds without a fix while moving"""
 
@@ -65,12 +62,6 @@ class PositionMonitor:
         """Whether fixes, and estimates made with them, are not to be believed now."""
         return self.wrong or self.refused or self._contradicted or self._level > 0.0
 
-    def scattered(self, now_ns: int, scatter_m: float) -> None:
-        """The newest fixes lie so far beside one curve."""
-        self._scatters = self._reference is not None and scatter_m > self._tolerance
-        held_s = self._scatter.update(self._scatters, now_ns)
-        self._note(held_s > SCATTERED_S, "fixes scatter beside their own course")
-
     def _note(self, found: bool, source: str) -> None:
         self.source = source if found and not (self.wrong or self.refused) else self.source
         self.wrong = self.wrong or found
@@ -78,14 +69,14 @@ class PositionMonitor:
     def outvoted(self, held_s: float) -> None:
         """Both other receivers have moved away from the fixes for so long."""
         tells = self._reference is not None and held_s > CONTRADICTED_S
-        self._drifts = self._drifts or (tells and not (self.suspect or self._scatters))
+        self._drifts = self._drifts or (tells and not self.suspect)
         self._note(tells, "both other receivers have moved away from them")
 
     @property
     def drifts(self) -> bool:
         """Whether all that is wrong with the fixes is that the other receivers lie aside: they go the way of the car,
         some metres beside it."""
-        fits_else = self._level <= 0.0 and not (self.refused or self._contradicted or self._scatters)
+        fits_else = self._level <= 0.0 and not (self.refused or self._contradicted)
         return self._drifts and fits_else
 
     def contradicted(self, held_s: float) -> None:

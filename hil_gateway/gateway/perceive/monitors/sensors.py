@@ -9,7 +9,6 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.duration import ConditionTime
-from hil_gateway.gateway.perceive.motion import RADII_MOST, ROLLING
 from hil_gateway.settings.gateway import PERIOD_S
 
 JUDGED_FROM = 8.0
@@ -19,6 +18,10 @@ DRIVEN = 2.0
 STIFFEST = 100.0
 """force of the driven wheels over their load a unit of slip: four times that of slicks (25), twice that of stiffer
 racing tyres"""
+ROLLING = 0.5
+"""m/s2 by the engine below which wheels roll"""
+RADII_MOST = 0.03
+"""that rolling radii may differ from the declared one: pressure, wear, growth with speed"""
 ROLLED_S = 0.5
 """s of rolling in which the radii's ratio is learnt"""
 SLIPPED_S = 0.1

@@ -155,28 +155,24 @@ def test_side_slip_is_carried_on_as_the_estimates_taught_it(rig):
 
 @pytest.mark.parametrize(("noise", "wrong"), [(0.02, False), (0.06, False), (1.0, True)])
 def test_fixes_that_scatter_are_wrong_within_0_8_s(noise, wrong):
-    rng, fixes, reader, monitor = np.random.default_rng(3), Fixes(), CourseReader(0.02), PositionMonitor(0.02)
+    rng, fixes, monitor = np.random.default_rng(3), Fixes(), PositionMonitor(0.02)
     state = Rig().gateway.builder.build(0, 9, 1, 0)
     for tick in range(1, 130):
         if tick % 5 == 3:
             spread = noise if tick > 50 else 0.02
             x, y = SPEED * 0.01 * tick, spread * rng.standard_normal()
             fixes.take(x, y, tick * TICK_NS)
-            reader.step(tick * TICK_NS, fixes)
         told = state.model_copy(update={"position_x": fixes.x, "position_y": fixes.y, "position_seq": fixes.seq})
         monitor.step(tick * TICK_NS, told, Motion(SPEED), Pose(fixes.x, 0.0, 0.0, SPEED))
-        monitor.scattered(tick * TICK_NS, reader.scatter_m)
     assert monitor.wrong == wrong
 
 
 def test_one_wild_fix_is_forgiven():
-    fixes, reader, monitor = Fixes(), CourseReader(0.02), PositionMonitor(0.02)
+    fixes, monitor = Fixes(), PositionMonitor(0.02)
     state = Rig().gateway.builder.build(0, 9, 1, 0)
     for tick in range(1, 200):
         if tick % 5 == 3:
             fixes.take(SPEED * 0.01 * tick, 3.0 if tick == 63 else 0.0, tick * TICK_NS)
-            reader.step(tick * TICK_NS, fixes)
         told = state.model_copy(update={"position_x": fixes.x, "position_y": fixes.y, "position_seq": fixes.seq})
         monitor.step(tick * TICK_NS, told, Motion(SPEED), Pose(fixes.x, 0.0, 0.0, SPEED))
-        monitor.scattered(tick * TICK_NS, reader.scatter_m)
     assert not monitor.wrong

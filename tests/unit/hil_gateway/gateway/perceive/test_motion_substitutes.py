@@ -7,7 +7,7 @@ import math
 import pytest
 from support.cars.scripted_car import Rig
 
-from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
@@ -110,18 +110,6 @@ def test_with_nothing_reported_the_car_turns_under_the_brakes_as_it_has_under_th
     assert reader.motion.yaw_rate == pytest.approx(expected, rel=0.06)
 
 
-def test_with_nothing_reported_brakes_do_what_the_imu_has_shown_them_to_do() -> None:
-    """A car that is heavier than declared and has weaker brakes: 20 % in a stop from 65 m/s are 30 m."""
-    reader, half_pa = MotionReader(load_car()), 0.5 * 8.0 * CAR.mass / PER_PA
-    drag = 0.5 * CAR.air_density * CAR.drag_area / CAR.mass * 40.0**2
-    pressed = {"brake_front": half_pa, "brake_rear": half_pa, "ax": -0.8 * 8.0 - drag}
-    asked = ActuatorPositions(0.0, 0.0, half_pa, half_pa, 4)
-    now_ns = run(reader, driving(40.0, 0.0, sources=True).model_copy(update=pressed), 4.0, 0, asked)
-    before = reader.motion.speed
-    run(reader, driving(40.0, 0.0, sources=False), 0.5, now_ns, asked)
-    assert before - reader.motion.speed == pytest.approx(0.5 * (0.8 * 8.0 + drag), rel=0.03)
-
-
 @pytest.mark.parametrize("wrong", [True, False])
 def test_what_a_wrong_imu_has_taught_at_last_is_not_gone_by(wrong: bool) -> None:
     """A gyro that says 0.3 rad/s too much for half a second makes a car that understeers seem to oversteer."""
@@ -158,36 +146,6 @@ def test_wheels_that_the_engine_drives_are_not_asked_how_the_car_turns(drive: fl
     run(reader, bend, 0.5, 0, ActuatorPositions(0.0, 0.0, 0.0, 0.0, 4))
     slips = bend.model_copy(update={"drive": drive, "wheel_speed_rr": bend.wheel_speed_rr + 2.0 * (drive > 0.0)})
     assert reader.wheel_yaw_rate(slips, 40.0) == pytest.approx(bend.yaw_rate, abs=0.02)
-
-
-def slipping(speed: float, deceleration: float, slip: float, radii: float) -> VehicleState:
-    """Braked, with wheels that turn slower than the car goes; `slip` a m/s2, `radii` of a wheel that rolls."""
-    state, half_pa = driving(speed / (1.0 + radii + slip * deceleration), 0.0, sources=True), 0.5 * CAR.mass / PER_PA
-    pressed = {"brake_front": half_pa * deceleration, "brake_rear": half_pa * deceleration}
-    return state.model_copy(update=pressed | {"drive": -0.01, "accelerator": 0.0, "ax": -deceleration, "valid": True})
-
-
-def estimate(speed: float, stamp_ns: int) -> Estimate:
-    zero = dict.fromkeys(("x", "y", "yaw", "vy", "yaw_rate", "bias_ax", "bias_ay", "bias_yaw_rate", "steer"), 0.0)
-    return Estimate(
-        stamp_ns=stamp_ns, seq=0, state_stamp_ns=stamp_ns, valid=True, vx=speed, std=(0.0,) * 9, drive=0.0,
-        innovations_rejected=0, **zero,
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(("slip", "radii"), [(0.001, 0.0), (0.003, 0.01), (0.005, -0.02)])
-def test_a_stop_goes_by_the_speed_of_the_car_not_of_its_slipping_wheels(slip: float, radii: float) -> None:
-    """What estimates taught of rolling and braked wheels; 0.4 % are 1 m in a stop of 300 m."""
-    reader, now_ns = MotionReader(load_car()), 0
-    for deceleration in (0.0, 8.0):
-        state = slipping(50.0, deceleration, slip, radii)
-        for _ in range(400):
-            now_ns += PERIOD_NS
-            reader.step(now_ns, state)
-            reader.teach(now_ns, state, estimate(50.0, now_ns))
-    for deceleration in (4.0, 12.0):
-        reader.step(now_ns + PERIOD_NS, slipping(50.0, deceleration, slip, radii))
-        assert reader.motion.speed == pytest.approx(50.0, rel=0.004)
 
 
 @pytest.mark.parametrize("steer", [-0.1, 0.1])
