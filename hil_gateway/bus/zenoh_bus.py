@@ -96,7 +96,8 @@ class ZenohSubscription(Generic[M]):
         last, stamp_ns = self._last.get(sender, (message.seq - 1, 0))
         if (message.seq, message.stamp_ns) == (last, stamp_ns):  # sent again, until it is answered
             return
-        self.dropped += max(message.seq - last - 1, 0)
+        if self._topic.rate_hz > 0:  # a person's requests are numbered by the time of asking
+            self.dropped += max(message.seq - last - 1, 0)
         self._last[sender] = message.seq, message.stamp_ns
         self._since_back += 1
         if message.seq <= last:

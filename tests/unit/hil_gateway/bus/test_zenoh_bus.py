@@ -9,7 +9,7 @@ import tracemalloc
 import pytest
 
 from hil_gateway.bus import topics
-from hil_gateway.bus.messages import OperatorAction, OperatorCommand
+from hil_gateway.bus.messages import Command, OperatorAction, OperatorCommand
 from hil_gateway.bus.zenoh_bus import ZenohBus, open_bus, session_config
 from hil_gateway.config import ZenohConfig
 from hil_gateway.process.errors import InputError
@@ -79,11 +79,17 @@ def test_a_message_of_megabytes_never_reaches_a_reader(config):
 def test_a_slow_reader_keeps_the_newest_and_counts_the_rest(config):
     hub, other = open_bus(config, "gateway"), open_bus(config, "planner")
     try:
-        heard = hub.subscribe(topics.OPERATOR, depth=3)
-        exchange(other, heard)
+        asked, heard = hub.subscribe(topics.OPERATOR, depth=100), hub.subscribe(topics.COMMAND, depth=3)
+        exchange(other, asked)
+        time.sleep(0.2)
+        other.publish(topics.OPERATOR, message(5_000_000))  # a person's next request: nothing is lost between them
+        _all_of(asked, 1)
+        assert asked.dropped == 0
+        other.publish(topics.COMMAND, command(999))
+        _all_of(heard, 1)
         before = heard.dropped
         for seq in range(1000, 1010):
-            other.publish(topics.OPERATOR, message(seq))
+            other.publish(topics.COMMAND, command(seq))
         time.sleep(0.5)
         assert [got.seq for got in heard.poll(0)] == [1007, 1008, 1009]
         assert heard.dropped - before >= 7
@@ -114,6 +120,10 @@ def test_two_processes_that_send_the_same_are_said_and_one_that_starts_over_is_n
     finally:
         for bus in (one, two, hub):
             bus.close()
+
+
+def command(seq: int) -> Command:
+    return Command(stamp_ns=1, seq=seq, source="planner", state_stamp_ns=1, steer=0.0, drive=0.0)
 
 
 def _all_of(subscription, count: int) -> None:
