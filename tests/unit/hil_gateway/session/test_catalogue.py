@@ -136,3 +136,16 @@ def test_list_prints_a_line_a_session_and_json(tmp_path):
     assert "1 stops (command_stale)" in run.invoke(app, ["session", "list", str(tmp_path)]).output
     (row,) = json.loads(run.invoke(app, ["session", "list", str(tmp_path), "--json"]).stdout)["sessions"]
     assert row["laps"] == 2 and row["effects"] == ["aero_drag"]
+
+
+def test_a_lap_from_rest_is_timed_from_its_first_metres_on_in_which_the_heading_is_not_known(tmp_path: Path) -> None:
+    track, path = load_track(), tmp_path / "session.mcap"
+    with SessionFile(path, {"session": {"started": "", "software": "1.0", "config": "{}"}}) as file:
+        for i in range(round(1.1 * track.length / SPEED * 10)):
+            at = track.at(SPEED * i / 10)
+            known = {"valid": i > 5, "lacks": "" if i > 5 else "heading"}
+            message = estimate(i * 10**8, float(at.x), float(at.y)).model_copy(update=known)
+            stamp_ns = UNIX_NS + message.stamp_ns
+            file.add(ESTIMATE.key, message.model_dump_json().encode(), stamp_ns, stamp_ns, i)
+    (lap,) = session_summary(path)["laps"]
+    assert lap["from_rest"] and lap["time_s"] == pytest.approx(track.length / SPEED, abs=0.01)
