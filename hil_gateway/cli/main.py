@@ -38,6 +38,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "campaign": ("hil_gateway.cli.laboratory:campaign", "long comparisons over seeds"),
     "recorder": ("hil_gateway.cli.recorder:app", "raw frames and topics into one MCAP file"),
     "session": ("hil_gateway.cli.session:app", "recordings: list, info, view, compare, export, import, replay"),
+    "track": ("hil_gateway.cli.track_day.track:app", "a track as a page: road, pit lane, boxes, bends, bank"),
     "can": ("hil_gateway.cli.can:app", "the CAN bus in the terminal, decoded"),
     "dashboard": ("hil_gateway.cli.dashboard:app", "read-only live page"),
     "receiver": ("hil_gateway.cli.receiver:app", "GNSS and INS receivers on the network: checked, read, published"),
@@ -54,7 +55,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Analyse": ("identify", "diagnose", "plan", "campaign"),
     "Sessions": ("session", "day", "season"),
     "Processes": ("gateway", "estimator", "learner", "planner", "plant", "recorder", "dashboard", "ros2", "receiver"),
-    "Checks": ("can", "config", "doctor", "verify"),
+    "Checks": ("can", "track", "config", "doctor", "verify"),
 }
 """how `hil --help` lists them"""
 

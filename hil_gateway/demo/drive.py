@@ -15,9 +15,9 @@ from hil_gateway.demo.summary import summarise
 from hil_gateway.demo.view import LiveView, PlainView, View
 from hil_gateway.plant.plant import plant_parameters
 from hil_gateway.plant.referee.lap_limit import lap_limit
+from hil_gateway.process.children import ask
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.lifecycle import StopRequest
-from hil_gateway.process.own_command import ask
 from hil_gateway.process.supervisor import DASHBOARD, LEARNER, PROCESSES, RECEIVER, ProcessSpec, Supervisor
 from hil_gateway.track.loading import load_track
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from hil_gateway.config import load_config
+from hil_gateway.process.children import ask
 from hil_gateway.process.errors import InputError
-from hil_gateway.process.own_command import ask
 from hil_gateway.session.exchange.importer import import_log
 from hil_gateway.session.exchange.perceive import perceive
 
