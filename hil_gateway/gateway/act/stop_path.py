@@ -105,16 +105,14 @@ def plan_path(plan: Plan) -> Path | None:
 
 
 def way_along(
-    track: Track, half_width: float, pose: Pose, turn_rate: float, deceleration: float, *, least: float = math.inf,
-    clear: float = CLEAR,
-) -> Path | None:  # fmt: skip
+    track: Track, half_width: float, pose: Pose, turn_rate: float, deceleration: float, *, clear: float = CLEAR
+) -> Path | None:
     """Way of a stop with `deceleration` (m/s2) from `pose`, where the car turns with `turn_rate` (rad/s), in the end
-    with its wheels, `half_width` (m) beside its middle, `clear` (m) of the edges; None far from the track. It goes on
-    as far as a car comes that brakes with `least` alone."""
+    with its wheels, `half_width` (m) beside its middle, `clear` (m) of the edges; None far from the track."""
     s0, offset = track.project(pose.x, pose.y)
     if not abs(offset) < LOST:
         return None
-    count = math.ceil((pose.speed**2 / (2 * min(least, deceleration)) + BEYOND) / STEP)
+    count = math.ceil((pose.speed**2 / (2 * deceleration) + BEYOND) / STEP)
     s: Array = s0 + STEP * np.arange(1.0 - GIVEN, count)
     on, gone = track.at(s), np.maximum(s - s0, 0.0)
     aside = _lane_aside(track, s, offset)

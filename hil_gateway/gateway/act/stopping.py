@@ -104,7 +104,9 @@ class Stopping:
         if self.blind and self._clear < CLEAR_BLIND:
             self._clear, self._path = CLEAR_BLIND, None
         if pose is not None and (self._path is None or self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
-            self._choose(pose, motion)
+            self._path = self._way(pose, motion)
+            self._curvature = self._path.curvature() if self._path is not None else np.zeros(0)
+            self._bends = np.abs(self._curvature)
         if self._path is not None and pose is not None:
             self._steer = self._pursue(self._path, pose, motion)
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
@@ -120,29 +122,14 @@ class Stopping:
         force = self._vehicle.mass * (min(wanted, left) if steers else left)
         return self._steer, -force / self._force_per_drive
 
-    def _choose(self, pose: Pose, motion: Motion) -> None:
-        """The way of this stop, for braking as configured, or harder where its own bends need it.
-
-        Made for a car that is faster in the bends ahead than it will be, a way spares them lateral force at the cost of
-        the braking before them, where the rear axle has the least grip to spare.
-        """
-        least = self._config.controlled_deceleration
-        self._keep(self._way(pose, motion, least))
-        if self._path is not None and (needed := self._for_bends(self._path, pose, motion.speed)) > least:
-            self._keep(self._way(pose, motion, min(needed, self._grip_left(motion.speed, abs(motion.ay)))))
-
-    def _keep(self, path: Path | None) -> None:
-        self._path = path
-        self._curvature = path.curvature() if path is not None else np.zeros(0)
-        self._bends = np.abs(self._curvature)
-
-    def _way(self, pose: Pose, motion: Motion, braking: float) -> Path | None:
-        """The way of a stop that brakes with `braking`, m/s2, and begins as the car turns now."""
+    def _way(self, pose: Pose, motion: Motion) -> Path | None:
+        """The way of this stop, which begins as the car turns now."""
         way = None
         if self._track is not None:
-            deceleration = braking if self._brakes else self._vehicle.drag(ROLLS_OUT)
-            width, least = self._vehicle.half_width, self._config.controlled_deceleration
-            way = way_along(self._track, width, pose, motion.yaw_rate, deceleration, least=least, clear=self._clear)
+            deceleration = self._config.controlled_deceleration if self._brakes else self._vehicle.drag(ROLLS_OUT)
+            way = way_along(
+                self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration, clear=self._clear
+            )
         return way or (plan_path(self._plan) if self._plan is not None else None)
 
     def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:
