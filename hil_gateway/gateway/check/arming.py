@@ -17,6 +17,7 @@ EXPLANATION = {row.cause: row.meaning for row in TABLE} | {
     "mode": "gateway.mode is listen",
     "estimate_unfit": "the estimate is not where the position fixes are",
     "disagreement": "estimator or planner works with another track or car",
+    "run_lost": "the planner was started anew and knows nothing of the run",
     "plan_standing": "the planner has no plan that drives off",
     "mode_without_crank": "gateway.mode is not armed",
     "car_not_crank_ready": "the car has not answered the ladder up to crank ready (sys_state 5)",

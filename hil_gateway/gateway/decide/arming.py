@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from hil_gateway.agreement import disagreement
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Agreement, Command, Estimate, Plan, PlanStatus
+from hil_gateway.bus.track_day.run import RunStatus
 
 APART_M = 1.0
 """between the newest fix and the estimate: as near as the way of a stop comes to the edges"""
@@ -48,6 +49,25 @@ def of_another_drive(ours: Agreement, estimate: Estimate | None, plan: Plan | No
     senders = (("estimator", estimate), ("planner", plan))
     said = "; ".join(filter(None, (disagreement(ours, name, m.agreement) for name, m in senders if m is not None)))
     return {"disagreement": f"{said}: start all with the same track and car"} if said else {}
+
+
+class LostRun:
+    """A run that the planner knows nothing of, having been started anew: armed, it would drive without its caps."""
+
+    def __init__(self) -> None:
+        self._run = ""
+
+    def step(self, status: RunStatus | None) -> dict[str, str]:
+        """Cause -> what to do about it, of the planner's newest `status`: ask for the run again, or give it up."""
+        if status is None:
+            return {}
+        if status.number > 0:
+            self._run = f"run {status.number}" + (f" ({status.plan.name})" if status.plan and status.plan.name else "")
+        elif status.answered:  # a person has asked the new planner for something
+            self._run = ""
+        if status.number > 0 or not self._run:
+            return {}
+        return {"run_lost": f"a new planner knows nothing of {self._run}: `hil run start FILE`, or `hil run abort`"}
 
 
 def _drives_off(plan: Plan) -> bool:

@@ -16,7 +16,7 @@ from hil_gateway.car.states import (
     VehicleFlag,
 )
 from hil_gateway.config import Config
-from hil_gateway.gateway.decide.arming import of_another_drive, unready
+from hil_gateway.gateway.decide.arming import LostRun, of_another_drive, unready
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import ladder_inputs
@@ -68,6 +68,7 @@ class Conditions:
         self._needs_heading = config.gateway.arming.heading == "known"
         self.ending = False
         """whether this process is to end"""
+        self._lost_run = LostRun()
         self._blind_m = 0.0
         """driven without knowing where the car points"""
 
@@ -100,7 +101,11 @@ class Conditions:
         return Situation(
             now_ns,
             Inputs(
-                everything, standing, request, self._mode != "listen", self._unready(now_ns, estimate, plan, command)
+                everything,
+                standing,
+                request,
+                self._mode != "listen",
+                self._unready(now_ns, estimate, plan, command, run.message),
             ),
             ladder_inputs(self._builder, now_ns, state),
             CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
@@ -146,14 +151,16 @@ class Conditions:
         return measures
 
     def _unready(
-        self, now_ns: int, estimate: Latest[Estimate], plan: Latest[Plan], command: Command | None
-    ) -> Mapping[str, str]:
+        self, now_ns: int, estimate: Latest[Estimate], plan: Latest[Plan], command: Command | None,
+        run: RunStatus | None,
+    ) -> Mapping[str, str]:  # fmt: skip
+        lost = self._lost_run.step(run)
         if self._testing:
             return {}
         fixes = self._builder.fixes
         found = unready(now_ns, estimate, plan, command, (fixes.x, fixes.y) if fixes.seq else None)
         other = {} if self._ours is None else of_another_drive(self._ours, estimate.message, plan.message)
-        return {**other, **found}
+        return {**other, **lost, **found}
 
     def _without_heading(
         self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], driven: bool

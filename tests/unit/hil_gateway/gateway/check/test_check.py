@@ -142,7 +142,7 @@ def test_a_controller_is_judged_by_what_the_kernel_says() -> None:
 
 def test_every_cause_that_can_refuse_arming_is_explained() -> None:
     cranking = {"mode_without_crank", "car_not_crank_ready", "cranked", "in_emergency"}
-    arming = {"car_moving", "mode", "estimate_unfit", "plan_standing", "disagreement"}
+    arming = {"car_moving", "mode", "estimate_unfit", "plan_standing", "disagreement", "run_lost"}
     assert {row.cause for row in TABLE} | arming | cranking == set(EXPLANATION)
 
 

@@ -77,6 +77,33 @@ def test_a_black_flag_stops_whatever_is_not_reported_to_come_in(
     )
 
 
+@pytest.mark.parametrize(
+    ("before", "now", "armed"),
+    [
+        ({"number": 0}, {"number": 0}, True),
+        ({"number": 2}, {"number": 2}, True),
+        ({"number": 2}, {"number": 0}, False),
+        ({"number": 2}, {"number": 0, "phase": RunPhase.STARTING}, False),
+        ({"number": 2}, {"number": 0, "answered": "run", "refused": "no run is under way"}, True),
+        ({"number": 2}, {"number": 1, "answered": "run"}, True),
+    ],
+)
+def test_a_new_planner_that_knows_nothing_of_the_run_is_not_armed(
+    before: dict[str, object], now: dict[str, object], armed: bool
+) -> None:
+    """It would drive without the caps of the run; a person asks for the run again, or gives it up."""
+    rig, says = Rig(), {"phase": RunPhase.FLYING, **before}
+    rig.hooks.append(lambda rig: rig.bus.publish(RUN, RunStatus(stamp_ns=0, seq=0, **says)))
+    rig.drive_off()
+    rig.ask(OperatorAction.STOP)
+    rig.run(3.0)
+    says |= {"phase": RunPhase.NONE, **now}
+    rig.run(0.1)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.1)
+    assert (rig.action is FailsafeAction.DRIVE) is armed
+
+
 def stopped_after_s(rig: Rig, flag: int, within_s: float = 3.0) -> float | None:
     """Seconds from when the gateway knows of a flag until it stops for it; None: it drives on."""
     rig.car.vehicle_flag = flag
