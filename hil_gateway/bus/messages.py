@@ -128,6 +128,11 @@ class Estimate(Message):
     bridged: Count = Field(default=0, description="states predicted without an inertial sample, since start")
     agreement: Agreement | None = Field(default=None, description="track and car that the sender works with")
 
+    @property
+    def placed(self) -> bool:
+        """Whether x, y and speed hold, by which laps are timed: also in the first metres of a car nobody has pushed."""
+        return self.valid or self.lacks == "heading"
+
 
 class VehicleState(Message):
     """What the car reports, decoded to SI, with the health of every source (100 Hz)."""

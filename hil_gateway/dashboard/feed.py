@@ -125,7 +125,7 @@ class Feed:
         row["slip_front"], row["slip_rear"] = slip_angles(alive, self._vehicle)
         row["grip"] = grip_used(alive, self._vehicle)
         row["s"] = row["delta"] = row["line_speed"] = None
-        if e is not None and self._track.near(e.x, e.y):
+        if e is not None and e.placed and self._track.near(e.x, e.y):
             along, _ = self._track.project(e.x, e.y, self._s)
             state = alive.get(VEHICLE_STATE.key)
             yellow = state is not None and under_yellow(state.track_flag, state.vehicle_flag)

@@ -67,8 +67,10 @@ class DriveTable:
     """rows under a yellow flag"""
 
 
-def read_drive_table(path: Path, *following: Path) -> DriveTable:
+def read_drive_table(path: Path, *following: Path, placed: bool = False) -> DriveTable:
     """Drive-log columns of one recorded session, and of the files that go on with it.
+
+    `placed`: also the rows of estimates of which no more than place and speed hold.
 
     Raises:
         InputError: no recording, or one without estimates.
@@ -76,7 +78,7 @@ def read_drive_table(path: Path, *following: Path) -> DriveTable:
     topics = frozenset({VEHICLE_STATE.key, ESTIMATE.key, PLAN.key})
     readers = [SessionReader(file, topics) for file in (path, *following)]
     with named(path):
-        rows, left_out, laps = _collect(chain.from_iterable(reader.items() for reader in readers))
+        rows, left_out, laps = _collect(chain.from_iterable(reader.items() for reader in readers), placed)
     if not rows:
         raise InputError(f"{path}: holds no valid {ESTIMATE} with its {VEHICLE_STATE}: nothing to make a drive log of")
     stamps = np.array([state.stamp_ns for state, _ in rows], dtype=np.int64)
@@ -92,7 +94,7 @@ def read_drive_table(path: Path, *following: Path) -> DriveTable:
 
 
 def _collect(
-    items: Iterable[Item],
+    items: Iterable[Item], placed: bool
 ) -> tuple[list[tuple[VehicleState, Estimate]], dict[str, int], list[tuple[int, int]]]:
     states: dict[int, VehicleState] = {}
     estimates: dict[int, Estimate] = {}
@@ -107,7 +109,7 @@ def _collect(
         elif item.topic == PLAN.key:
             plan = unpack_message(PLAN, item.data)
             laps.append((plan.state_stamp_ns, plan.lap))
-    valid = {stamp: e for stamp, e in estimates.items() if e.valid}
+    valid = {stamp: e for stamp, e in estimates.items() if e.valid or (placed and e.placed)}
     rows = [(states[stamp], valid[stamp]) for stamp in sorted(valid) if stamp in states]
     left_out = {"estimate not valid": len(estimates) - len(valid), "vehicle state missing": len(valid) - len(rows)}
     return rows, {reason: count for reason, count in left_out.items() if count}, sorted(laps)

@@ -41,7 +41,7 @@ def read_lap(path: Path, track: Track, number: int | None = None) -> LapTable:
     Raises:
         InputError: unreadable recording, no complete lap, no such lap.
     """
-    table = read_drive_table(*run_of(path))
+    table = read_drive_table(*run_of(path), placed=True)
     columns = table.columns
     along, clock = _along(table, track)
     if not clock.laps:

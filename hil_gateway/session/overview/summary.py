@@ -185,8 +185,7 @@ class Story:
         if self._clock is None or self._track is None:
             return
         e = unpack_message(ESTIMATE, item.data)
-        placed = e.valid or e.lacks == "heading"  # as in the first metres of a car that nobody has pushed
-        if placed and self._track.near(e.x, e.y):
+        if e.placed and self._track.near(e.x, e.y):
             self._place_s, _ = self._track.project(e.x, e.y, self._place_s)
             lap = self._clock.update((item.publish_ns - self._zero_ns) / NS_PER_S, self._place_s, e.vx, self._yellow)
             self._outing.moved(t_s, e.vx, lap)

@@ -18,6 +18,7 @@ from hil_gateway.dashboard.compare_page import comparison, page
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.writer import SessionFile
 from hil_gateway.session.overview.lap_table import read_lap
+from hil_gateway.session.overview.summary import session_summary
 from hil_gateway.track.loading import load_track
 
 ZEROS = tuple(
@@ -26,20 +27,21 @@ ZEROS = tuple(
 ONES = ("gear", "position_seq", "sys_state", "ct_state", "track_flag", "vehicle_flag")
 
 
-def write(path: Path, speeds: list[float]) -> Path:
-    """Laps of the road course at constant speeds, 20 rows a second."""
+def write(path: Path, speeds: list[float], unpushed_m: float = 0.0) -> Path:
+    """Laps of the road course at constant speeds, 20 rows a second; in the first metres the heading is not known."""
     track, s, t, i = load_track(), 0.0, 0.0, 0
     with SessionFile(path, {"session": {"config": "{}"}}) as file:
         while s < track.length * len(speeds) + 10:
             speed = speeds[min(int(s / track.length), len(speeds) - 1)]
             stamp, at = round(t * 1e9), track.at(s)
+            lacks = "heading" if s < unpushed_m else ""
             state = m.VehicleState(
                 stamp_ns=stamp, seq=i, valid=True, sources={}, **dict.fromkeys(ZEROS, 0.0), **dict.fromkeys(ONES, 1)
             )
             estimate = m.Estimate(
-                stamp_ns=stamp, seq=i, state_stamp_ns=stamp, valid=True, x=float(at.x), y=float(at.y), yaw=0, vx=speed,
-                vy=0, yaw_rate=0, bias_ax=0, bias_ay=0, bias_yaw_rate=0, std=(0.1,) * 9, steer=0, drive=0,
-                innovations_rejected=0,
+                stamp_ns=stamp, seq=i, state_stamp_ns=stamp, valid=not lacks, lacks=lacks, x=float(at.x), y=float(at.y),
+                yaw=0, vx=speed, vy=0, yaw_rate=0, bias_ax=0, bias_ay=0, bias_yaw_rate=0, std=(0.1,) * 9,
+                steer=0, drive=0, innovations_rejected=0,
             )  # fmt: skip
             for topic, message in ((VEHICLE_STATE, state), (ESTIMATE, estimate)):
                 file.add(topic.key, message.model_dump_json().encode(), stamp, stamp, i)
@@ -57,6 +59,13 @@ def test_the_gap_grows_as_the_speeds_say_and_ends_at_the_difference_of_the_lap_t
     assert delta[50:-50] == pytest.approx(s[50:-50] * (1 / 50 - 1 / 60), abs=0.06)
     assert data["times_s"][1] - data["times_s"][0] == pytest.approx(track.length * (1 / 50 - 1 / 60), abs=0.1)
     assert set(np.round(fast.channels["speed"][5:-5], 3)) == {216.0}
+
+
+def test_a_lap_from_rest_is_compared_from_its_first_metres_on_as_it_is_listed(tmp_path):
+    path = write(tmp_path / "a.mcap", [10.0], unpushed_m=20.0)
+    lap, (listed,) = read_lap(path, load_track()).lap, session_summary(path)["laps"]
+    assert lap.from_rest and lap.time_s == pytest.approx(load_track().length / 10.0, abs=0.01)
+    assert lap.tree() == {name: listed[name] for name in lap.tree()}
 
 
 def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
