@@ -75,6 +75,8 @@ class Progress:
                 self._place, self._way_in = place, way_in
                 self._start(plan, s)
                 return True
+        elif request.action is RunAction.ABORT and self.phase is RunPhase.NONE:
+            self.said = "none to give up; `hil gateway stop` stops the car"
         elif not under_way:
             self.refused = "no run is under way"
         elif request.action is RunAction.IN:

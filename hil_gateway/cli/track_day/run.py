@@ -94,7 +94,7 @@ def _ask(config: Path | None, action: RunAction | None, plan: RunPlan | None = N
 def described(status: RunStatus) -> str:
     """Where the car is, in one line."""
     if status.plan is None:
-        return "no run: no caps hold but those of the configuration"
+        return "no run: no caps hold but those of the configuration" + (f"; {status.said}" if status.said else "")
     lap = f" lap {status.lap} of {status.plan.laps}" if status.phase == "flying" else ""
     where = f"run {status.number} ({status.plan.name}): {status.phase.value}{lap}, caps {status.caps or 'none'}"
     reasons = "; ".join(text for text in (status.caps_from, status.said) if text)

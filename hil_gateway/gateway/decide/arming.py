@@ -63,7 +63,7 @@ class LostRun:
             return {}
         if status.number > 0:
             self._run = f"run {status.number}" + (f" ({status.plan.name})" if status.plan and status.plan.name else "")
-        elif status.answered:  # a person has asked the new planner for something
+        elif status.answered and not status.refused:  # a person has given it up, at the new planner
             self._run = ""
         if status.number > 0 or not self._run:
             return {}

@@ -111,7 +111,7 @@ def test_without_a_run_nothing_is_capped_unless_that_is_configured():
 
 def test_what_cannot_be_asked_for_is_refused_in_words():
     drive = Drive()
-    for action in (RunAction.IN, RunAction.ABORT, RunAction.NEXT):
+    for action in (RunAction.IN, RunAction.NEXT):
         drive.ask(action)
         assert drive.run.refused and drive.run.phase is RunPhase.NONE
     drive.ask(RunAction.START, RunPlan())
@@ -119,6 +119,13 @@ def test_what_cannot_be_asked_for_is_refused_in_words():
     assert drive.run.refused and drive.run.plan == RunPlan() and drive.run.said == "run 1 begins"
     drive.ask(RunAction.IN)
     assert not drive.run.refused and drive.run.said == "in lap, as asked"
+
+
+def test_who_gives_up_a_run_that_a_new_planner_knows_nothing_of_is_not_refused():
+    drive = Drive()
+    drive.ask(RunAction.NEXT)
+    drive.ask(RunAction.ABORT)
+    assert not drive.run.refused and "`hil gateway stop`" in drive.run.said and drive.run.phase is RunPhase.NONE
 
 
 def test_a_run_file_is_read_or_refused_with_key_and_value(tmp_path):

@@ -84,7 +84,8 @@ def test_a_black_flag_stops_whatever_is_not_reported_to_come_in(
         ({"number": 2}, {"number": 2}, True),
         ({"number": 2}, {"number": 0}, False),
         ({"number": 2}, {"number": 0, "phase": RunPhase.STARTING}, False),
-        ({"number": 2}, {"number": 0, "answered": "run", "refused": "no run is under way"}, True),
+        ({"number": 2}, {"number": 0, "answered": "run", "refused": "there is no box 7"}, False),
+        ({"number": 2}, {"number": 0, "answered": "run"}, True),
         ({"number": 2}, {"number": 1, "answered": "run"}, True),
     ],
 )
