@@ -119,5 +119,5 @@ def _why(action: OperatorAction, answer: GatewayStatus | None) -> str:
     state = f"the gateway stays in {answer.action.value}{': ' + answer.cause if answer.cause else ''}"
     awaited = "" if answer.missing_for_crank else "; first `hil gateway crank`"
     advice = answer.advice
-    missing = [f"{name}: {advice[name]}" if name in advice else name for name in answer.missing_for_arming]
-    return (", ".join(missing) or state) + awaited
+    missing = [f"{name}: {advice.get(name) or EXPLANATION.get(name, name)}" for name in answer.missing_for_arming]
+    return ("\n  ".join(missing) or state) + awaited

@@ -11,6 +11,7 @@ from hil_gateway.bus.track_day.run import UNDER_WAY, RunPhase, RunStatus
 from hil_gateway.car.states import SysState
 from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.gateway.decide.decision import STOPS
+from hil_gateway.gateway.decide.failsafe import ROWS
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 
 
@@ -24,7 +25,7 @@ def phase_of(alive: Mapping[str, Any], timed: bool) -> dict[str, str]:
         return _said("unknown", "find out where the car is: no gateway speaks (`hil gateway run`)")
     run: RunStatus | None = alive.get(RUN.key)
     if status.action in STOPS:
-        cause = EXPLANATION.get(status.cause, status.cause)
+        cause = ROWS[status.cause].meaning if status.cause in ROWS else status.cause
         return _said(f"stopped because {cause}", _after_stop(status))
     if _speed(alive) >= STANDSTILL:
         return _moving(status, run, timed)

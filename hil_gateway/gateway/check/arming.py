@@ -12,7 +12,7 @@ from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.decide.failsafe import IN_EMERGENCY, TABLE
 from hil_gateway.settings.gateway import PERIOD_NS
 
-EXPLANATION = {row.cause: row.meaning for row in TABLE} | {
+EXPLANATION = {row.cause: row.explanation for row in TABLE} | {
     "car_moving": "the car must stand still, and valid reports say so",
     "mode": "gateway.mode is listen",
     "estimate_unfit": "the estimate is not where the position fixes are",

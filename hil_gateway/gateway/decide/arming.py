@@ -31,7 +31,7 @@ def unready(
     Whoever publishes no plans is asked for a `command` that drives.
     """
     found = {}
-    if estimate.message is not None and fix is not None:
+    if estimate.message is not None and estimate.alive(now_ns) and fix is not None:
         apart_m = math.hypot(estimate.message.x - fix[0], estimate.message.y - fix[1])
         if not apart_m < APART_M:
             found["estimate_unfit"] = f"the estimate is {apart_m:.1f} m from the position fix: push the car, or wait"

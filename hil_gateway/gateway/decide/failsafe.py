@@ -46,12 +46,21 @@ class Row:
     action: FailsafeAction
     clear: Clear
     while_silent: WhileSilent = WhileSilent.NOTHING
+    remedy: str = ""
+    """what a person does about it, where the meaning does not say"""
+
+    @property
+    def explanation(self) -> str:
+        """Meaning and remedy."""
+        return f"{self.meaning}: {self.remedy}" if self.remedy else self.meaning
 
     def fires(self, measures: Mapping[str, float]) -> bool:
         """Whether its measure has held for long enough or is missing; not-a-number fires."""
         return not (held_s := measures.get(self.measure, HOLDS)) <= 0 and not held_s < self.threshold_s
 
 
+COMMAND_AGE = "command_age"
+"""measure of the planner, the last in the chain: it is silent where any before it is"""
 _STOP, _EMERGENCY = FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP
 
 TABLE: tuple[Row, ...] = (
@@ -101,7 +110,15 @@ TABLE: tuple[Row, ...] = (
         WhileSilent.BEYOND_INIT,
     ),
     Row("gateway_late", "the gateway missed its period", "gateway_gap", 0.1, _EMERGENCY, Clear.DISARM),
-    Row("command_dead", "no planner sends commands: `hil planner run`", "command_age", 0.5, _EMERGENCY, Clear.REARM),
+    Row(
+        "command_dead",
+        "no planner sends commands",
+        COMMAND_AGE,
+        0.5,
+        _EMERGENCY,
+        Clear.REARM,
+        remedy="`hil planner run`",
+    ),
     Row("can_silent", "the car sends nothing", "can_silence", 0.1, _EMERGENCY, Clear.DISARM),
     Row("steering_stuck", "the steering does not follow its command", "steering_stuck", 0.1, _EMERGENCY, Clear.DISARM),
     Row(
@@ -122,7 +139,7 @@ TABLE: tuple[Row, ...] = (
     ),
     Row("operator_stop", "a stop was asked for", "operator_stop", 0.0, _STOP, Clear.REARM),
     Row("gateway_ending", "the gateway is to end while the car moves", "gateway_ending", 0.0, _STOP, Clear.REARM),
-    Row("command_stale", "no fresh planner command: `hil planner run`", "command_age", 0.1, _STOP, Clear.REARM),
+    Row("command_stale", "no fresh planner command", COMMAND_AGE, 0.1, _STOP, Clear.REARM, remedy="`hil planner run`"),
     Row(
         "state_invalid",
         "a report needed for driving is missing or implausible",
@@ -131,14 +148,23 @@ TABLE: tuple[Row, ...] = (
         _STOP,
         Clear.REARM,
     ),
-    Row("estimate_invalid", "no valid estimate: `hil estimator run`", "estimate_invalid", 0.05, _STOP, Clear.REARM),
+    Row(
+        "estimate_invalid",
+        "no valid estimate",
+        "estimate_invalid",
+        0.05,
+        _STOP,
+        Clear.REARM,
+        remedy="`hil estimator run`",
+    ),
     Row(
         "heading_unknown",
-        "where the car points is not known: push it forward by 3 m",
+        "where the car points is not known",
         "heading_unknown",
         0.0,
         _STOP,
         Clear.REARM,
+        remedy="push it forward by 3 m",
     ),
     Row("counters_wrong", "rolling counters jump", "counters_wrong", 0.0, _STOP, Clear.REARM),
     Row("foreign_commands", "another computer commands the actuators", "foreign_commands", 0.0, _STOP, Clear.REARM),
@@ -282,8 +308,9 @@ def first_firing_while_silent(inputs: Inputs) -> Row | None:
 
 
 def missing_for_arming(inputs: Inputs) -> tuple[str, ...]:
-    """Why a request to arm would be refused now: every firing row, movement, mode, what does not fit."""
-    firing = tuple(row.cause for row in _firing(inputs))
+    """Why a request to arm would be refused now: every firing row, who waits for others last, movement, mode, what does
+    not fit."""
+    firing = tuple(row.cause for row in sorted(_firing(inputs), key=lambda row: row.measure == COMMAND_AGE))
     standing = () if inputs.standing else ("car_moving",)
     return firing + standing + (() if inputs.may_arm else ("mode",)) + tuple(inputs.unready)
 
@@ -308,7 +335,7 @@ def _part_markdown(action: FailsafeAction, clear: Clear) -> str:
         "| cause | meaning | held for |",
         "|" + " --- |" * 3,
     ]
-    lines += [f"| {row.cause} | {row.meaning} | {_held_for(row)} |" for row in rows]
+    lines += [f"| {row.cause} | {row.explanation} | {_held_for(row)} |" for row in rows]
     lines += _while_silent(rows)
     return "\n".join(lines)
 

@@ -144,7 +144,7 @@ def _failsafe(before: Failsafe, after: Seen) -> Change:
 
 
 def _why(cause: str, more: str) -> str:
-    words = EXPLANATION.get(cause) or CAUSES_OF_OTHERS.get(cause, cause)
+    words = ROWS[cause].meaning if cause in ROWS else CAUSES_OF_OTHERS.get(cause, cause)
     return f"{words} ({more})" if more else words
 
 

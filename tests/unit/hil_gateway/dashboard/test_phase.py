@@ -42,6 +42,7 @@ def run(phase: RunPhase, **given: Any) -> RunStatus:
 
 DRIVING = {"armed": True, "action": "drive"}
 STOPPED = {"armed": True, "action": "controlled_stop", "cause": "track_flag_stop"}
+DEAD = STOPPED | {"cause": "command_dead", "missing_for_arming": ("estimate_invalid", "command_dead")}
 
 
 @pytest.mark.parametrize(
@@ -61,12 +62,14 @@ STOPPED = {"armed": True, "action": "controlled_stop", "cause": "track_flag_stop
         (alive(20.0, **STOPPED), "stopped because red or checkered flag from race control", "hil gateway arm"),
         (alive(0.0, missing_for_crank=(), **STOPPED), "stopped because red", "hil gateway crank"),
         (alive(0.0, missing_for_arming=("estimate_invalid",), **STOPPED), "stopped", "hil estimator run"),
+        (alive(0.0, **DEAD), "stopped because no planner sends commands", "no valid estimate: `hil estimator run`"),
         (alive(3.0), "moved by hand", "nothing"),
     ],
 )
 def test_a_phase_has_a_name_and_a_decision(found, name, decide):
     phase = phase_of(found, timed=False)
     assert phase["name"].startswith(name) and decide in phase["next"]
+    assert "hil " not in phase["name"]
 
 
 @pytest.mark.parametrize(("sys_state", "name"), [(2, "bench"), (8, "standing (held)"), (9, "standing (held)")])

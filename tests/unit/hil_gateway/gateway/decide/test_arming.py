@@ -240,6 +240,17 @@ def test_the_first_metres_may_show_the_heading_and_end_where_they_have_not() -> 
     assert rig.action is FailsafeAction.DRIVE
 
 
+def test_who_is_silent_first_is_named_first_and_an_estimate_that_is_gone_asks_for_no_push() -> None:
+    rig = Rig()
+    rig.drive_off()
+    rig.estimator_runs = rig.planner_runs = False
+    rig.run(3.0)
+    assert rig.cause == "command_dead" and rig.car.speed == 0
+    rig.aside = 2.0
+    rig.run(0.2)
+    assert rig.status.missing_for_arming == ("estimate_invalid", "command_dead", "command_stale")
+
+
 def test_a_planner_that_compiles_is_not_called_missing() -> None:
     """From its announcement until it plans, and not beyond its end."""
     rig = Rig()
