@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import html
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -114,12 +115,24 @@ def _runs(s: dict[str, Any]) -> list[Row]:
         ]
         fuel = "" if run["fuel_kg"] is None else figure(run["fuel_kg"], "kg", 3)
         ended = f"{run['phase']}: {run['said']}" if run["said"] else run["phase"]
+        ended += f"; {_parked(run['parked'])}" if run["parked"] else ""
         why = f"{', '.join(caps) or 'none'} ({run['caps_from']})"
         way, time = figure(run["km"], "km", 3), figure(run["seconds"], "s", 3)
         driven = f"{way} in {time}, at most {figure(run['top_speed'], 'm/s', 3)}"
         named, began = f"{run['number']} {run['name']}", _clock(s, run["t"])
         rows.append((named, began, driven, str(run["asked_laps"]), run["tyres"], fuel, why, ended, run["notes"]))
     return rows
+
+
+def _parked(parked: dict[str, float]) -> str:
+    """How the car stands in its box, by its own estimate."""
+    along, across, turned = parked["ahead_m"], parked["left_m"], math.degrees(parked["turned_rad"])
+    place = f"{abs(along):.2f} m {'beyond' if along > 0 else 'short'}, {abs(across):.2f} m {_side(across)}"
+    return f"in box {parked['box']:.0f}: {place}, turned {abs(turned):.1f} deg {_side(turned)}"
+
+
+def _side(left: float) -> str:
+    return "left" if left > 0 else "right"
 
 
 def _laps(s: dict[str, Any]) -> list[Row]:

@@ -16,7 +16,7 @@ from hil_gateway.session.overview.catalogue import STORED_EVERY
 from hil_gateway.session.overview.info import recording_info
 
 INDEX = ".hil-day.json"
-VERSION = 3
+VERSION = 4
 """of what an entry holds: an index of another version is made anew"""
 KEPT = (
     "start_unix_s", "duration_s", "bytes", "complete", "damage", "gaps", "laps", "best_lap_s", "runs", "remarks",

@@ -44,8 +44,8 @@ class Outing:
             run["seconds"], run["km"] = t_s - run["t"], run["km"] + metres / 1000.0
             run["top_speed"] = max(run["top_speed"], speed)
 
-    def take_run(self, t_s: float, status: RunStatus) -> None:
-        """Where in its run the car is."""
+    def take_run(self, t_s: float, status: RunStatus, parked: dict[str, float] | None = None) -> None:
+        """Where in its run the car is, and how a car that has come to rest in its box stands there."""
         if status.number < self._newest - self._before:  # another planner counts from 0 again
             self._before = self._newest
             if (left := self._runs[self._newest])["phase"] in UNDER_WAY:
@@ -57,12 +57,13 @@ class Outing:
         new = number not in self._runs
         if new and status.plan.tyres:
             self._tyres = status.plan.tyres
-        begun = dict.fromkeys(DRIVEN, 0.0) | {"t": t_s, "speed_caps": [], "load_caps": []}
+        begun = dict.fromkeys(DRIVEN, 0.0) | {"t": t_s, "speed_caps": [], "load_caps": [], "parked": None}
         row = self._runs.setdefault(number, begun)
         self.run = self._newest = number
         plan = status.plan.model_dump(mode="json", include={"name", "tyres", "fuel_kg", "notes"})
         row |= {"number": number, **plan, "asked_laps": status.plan.laps, "caps_from": status.caps_from}
         row |= {"phase": status.phase.value, "clean": status.clean, "said": status.said or row.get("said", "")}
+        row["parked"] = row["parked"] or parked
         for name, cap in (("speed_caps", status.speed_cap), ("load_caps", status.load_cap)):
             if cap is not None and cap not in row[name]:
                 row[name].append(cap)

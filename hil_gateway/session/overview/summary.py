@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from functools import lru_cache, partial
@@ -12,7 +13,7 @@ import numpy as np
 
 from hil_gateway.bus.alerts import grouped
 from hil_gateway.bus.event import Event, EventKind, Severity
-from hil_gateway.bus.messages import Alert, Belief, FailsafeAction
+from hil_gateway.bus.messages import Alert, Belief, Estimate, FailsafeAction
 from hil_gateway.bus.topics import (
     ALERT,
     BELIEF,
@@ -25,9 +26,11 @@ from hil_gateway.bus.topics import (
     RUN,
     VEHICLE_STATE,
 )
+from hil_gateway.bus.track_day.run import RunPhase, RunStatus
 from hil_gateway.car.states import under_yellow
 from hil_gateway.car.tyre_names import named as tyre_name
 from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.road_speed import AT_REST
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.chunk import Messages
@@ -137,6 +140,8 @@ class Story:
         self._clock = LapClock(self._track.length) if self._track else None
         self._place_s: float | None = None
         """along the track, m"""
+        self._pose: Estimate | None = None
+        """newest that holds as a whole"""
         self._flags = list[bytes]()
         self._yellow = False
         self._events: list[dict[str, Any]] = []
@@ -178,13 +183,14 @@ class Story:
             "revisions": list(self._revisions.values()),
             "effects": next((row["effects"] for row in reversed(self._revisions.values())), []),
             "events": self._events,
-            "happened": [e for e in self._events if e["kind"] in HAPPENED],
+            "happened": sorted((e for e in self._events if e["kind"] in HAPPENED), key=lambda event: event["t"]),
         }
 
     def _estimate(self, item: Item, t_s: float) -> None:
         if self._clock is None or self._track is None:
             return
         e = unpack_message(ESTIMATE, item.data)
+        self._pose = e if e.valid else None
         if e.placed and self._track.near(e.x, e.y):
             self._place_s, _ = self._track.project(e.x, e.y, self._place_s)
             lap = self._clock.update((item.publish_ns - self._zero_ns) / NS_PER_S, self._place_s, e.vx, self._yellow)
@@ -253,7 +259,20 @@ class Story:
         self._belief = item.data  # the last one counts, and is read then
 
     def _run(self, item: Item, t_s: float) -> None:
-        self._outing.take_run(t_s, unpack_message(RUN, item.data))
+        status = unpack_message(RUN, item.data)
+        self._outing.take_run(t_s, status, self._parked(status))
+
+    def _parked(self, status: RunStatus) -> dict[str, float] | None:
+        """How a car rests in the box of its run, by its own estimate: m ahead and to the left of it, rad."""
+        track, e, number = self._track, self._pose, status.box or 0
+        boxes = () if track is None or track.pit_lane is None else track.pit_lane.boxes
+        there = status.phase is RunPhase.DONE and status.in_pit_lane and 0 < number <= len(boxes)
+        if track is None or e is None or not there or abs(e.vx) > AT_REST:
+            return None
+        x, y, yaw = track.box_pose(boxes[number - 1])
+        c, s = math.cos(yaw), math.sin(yaw)
+        ahead, left = c * (e.x - x) + s * (e.y - y), c * (e.y - y) - s * (e.x - x)
+        return {"box": number, "ahead_m": ahead, "left_m": left, "turned_rad": math.remainder(e.yaw - yaw, math.tau)}
 
     def _recorder(self, item: Item, t_s: float) -> None:
         lost = unpack_message(RECORDER_STATUS, item.data).lost

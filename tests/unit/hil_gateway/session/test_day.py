@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from pathlib import Path
 from zipfile import ZipFile
@@ -17,6 +18,7 @@ from hil_gateway.bus.topics import BELIEF, ESTIMATE, EVENT, GATEWAY_STATUS, MODE
 from hil_gateway.bus.track_day.note import Note
 from hil_gateway.bus.track_day.run import RunPhase, RunPlan, RunStatus
 from hil_gateway.cli.main import app
+from hil_gateway.dashboard.day.page import page
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.day.index import INDEX, read_day, read_in_turn
 from hil_gateway.session.files.reader import SessionReader
@@ -124,6 +126,23 @@ def test_the_page_says_where_the_car_stopped_and_how_far_its_run_went(folder):
     assert (stopped["lap"], stopped["run"], stopped["again_s"]) == (3, 1, None)
     assert run["km"] == pytest.approx(2.3 * track.length / 1000, rel=0.01) and run["top_speed"] == SPEED
     assert run["seconds"] == pytest.approx(2.3 * LAP_S, abs=0.2)
+
+
+def test_the_page_says_how_the_car_stands_in_its_box(tmp_path):
+    track = load_track("oval")
+    x, y, yaw = track.box_pose(track.pit_lane.boxes[2])
+    c, s = math.cos(yaw), math.sin(yaw)
+    path = tmp_path / "session.mcap"
+    with SessionFile(path, {"session": {"started": "", "software": "1.0", "config": '{"track": "oval"}'}}) as file:
+        for i, (speed, ahead) in enumerate(((0.4, -0.5), (0.0, -0.25), (0.0, -0.25), (3.0, 9.0), (0.0, 99.0))):
+            stands = {"vx": speed, "yaw": yaw - 0.02, "x": x + ahead * c - 0.1 * s, "y": y + ahead * s + 0.1 * c}
+            status = run_status(RunPhase.DONE, "").model_copy(update={"box": 3, "in_pit_lane": True})
+            for topic, message in ((ESTIMATE, estimate(i, 0.0, 0.0).model_copy(update=stands)), (RUN, status)):
+                file.add(topic.key, message.model_dump_json().encode(), UNIX_NS + i * 10**9, UNIX_NS + i * 10**9, i)
+    (run,) = read_day(tmp_path)["sessions"][0]["runs"]
+    stands = {"box": 3, "ahead_m": -0.25, "left_m": 0.1, "turned_rad": -0.02}
+    assert run["parked"] == pytest.approx(stands, abs=1e-6)
+    assert "in box 3: 0.25 m short, 0.10 m left, turned 1.1 deg right" in page(read_day(tmp_path))
 
 
 def test_runs_of_a_planner_that_was_started_again_are_others_and_no_lap_is_of_a_run_that_nobody_knows():
