@@ -6,15 +6,13 @@ A parabola in time is fitted to the newest fixes (least squares); its end is car
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections import deque
 from typing import NamedTuple
 
-import numpy as np
-
 from hil_gateway.gateway.perceive.duration import JITTER_S, UNSEEN_S
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
-from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 
 FITTED = 8
@@ -54,10 +52,11 @@ class CourseReader:
     def __init__(self, noise: float) -> None:
         """`noise` of a fix, m."""
         self._across = DOUBTED * apart_at_most(noise)
-        self._fixes: deque[tuple[int, float, float]] = deque(maxlen=FITTED)
+        self._fixes: deque[tuple[int, complex]] = deque(maxlen=FITTED)
+        """stamp and place: x + i y, m"""
         self._seq = 0
-        self._fit: tuple[Array, int] | None = None
-        """coefficients (3, 2) of time since its stamp, and that stamp"""
+        self._fit: tuple[_Parabola, int] | None = None
+        """of time since its stamp, and that stamp"""
 
     def step(self, now_ns: int, fixes: Fixes) -> Course | None:
         """Course at `now_ns`; None where fixes are missing, slow or scattered."""
@@ -65,39 +64,60 @@ class CourseReader:
             self._seq = fixes.seq
             if self._fixes and fixes.stamp_ns - self._fixes[-1][0] > UNSEEN_S * NS_PER_S:
                 self._fixes.clear()
-            self._fixes.append((fixes.stamp_ns, fixes.x, fixes.y))
+            self._fixes.append((fixes.stamp_ns, complex(fixes.x, fixes.y)))
             self._fit = self._fitted()
         if self._fit is None or now_ns - self._fit[1] > OLDEST_S * NS_PER_S:
             return None
-        coefficients, stamp_ns = self._fit
-        return _moving(coefficients.tolist(), (now_ns - stamp_ns) / NS_PER_S)
+        parabola, stamp_ns = self._fit
+        return parabola.course((now_ns - stamp_ns) / NS_PER_S)
 
-    def _fitted(self) -> tuple[Array, int] | None:
+    def _fitted(self) -> tuple[_Parabola, int] | None:
         newest_ns = self._fixes[-1][0]
-        t = np.array([(stamp - newest_ns) / NS_PER_S for stamp, _, _ in self._fixes])
-        if len(t) < FITTED or not (np.diff(t) > 0.0).all():
+        places = [place for _, place in self._fixes]
+        times = [(stamp - newest_ns) / NS_PER_S for stamp, _ in self._fixes]
+        if len(times) < FITTED or sorted(set(times)) != times:
             return None
-        places = np.array([place for _, *place in self._fixes])
-        powers = np.vander(t, 3, increasing=True)
-        coefficients = np.linalg.lstsq(powers, places, rcond=None)[0]
-        residual = np.sqrt(np.mean(_turned(places - powers @ coefficients, coefficients[1]) ** 2, axis=0))
-        speed = math.hypot(*coefficients[1])
-        scattered = residual[1] > self._across or residual[0] > JITTER_S * speed
-        return None if speed < SLOWEST or scattered else (coefficients, newest_ns)
+        parabola = _Parabola.fitted(times, places)
+        speed = abs(parabola.velocity)
+        if speed < SLOWEST:
+            return None
+        ahead = parabola.velocity / speed
+        off = [(place - parabola.at(t)) / ahead for t, place in zip(times, places, strict=True)]
+        along, across = math.hypot(*(o.real for o in off)), math.hypot(*(o.imag for o in off))
+        scattered = max(along / (JITTER_S * speed), across / self._across) > math.sqrt(FITTED)
+        return None if scattered else (parabola, newest_ns)
 
 
-def _turned(vectors: Array, ahead: Array) -> Array:
-    """Vectors (n, 2) as along and across the direction `ahead`."""
-    along = ahead / max(math.hypot(*ahead), 1e-9)
-    return np.stack([vectors @ along, vectors @ np.array([-along[1], along[0]])], axis=1)
+class _Parabola(NamedTuple):
+    """Place over time; x + i y of it, m, of its velocity, m/s, and of half its acceleration, m/s2."""
 
+    place: complex
+    velocity: complex
+    half: complex
 
-def _moving(coefficients: list[list[float]], t: float) -> Course | None:
-    (x, y), (vx, vy), (half_ax, half_ay) = coefficients
-    ax, ay = 2.0 * half_ax, 2.0 * half_ay
-    east, north = vx + ax * t, vy + ay * t
-    speed = math.hypot(east, north)
-    if speed < SLOWEST:
-        return None
-    gain, turn = (ax * east + ay * north) / speed, (east * ay - north * ax) / speed**2
-    return Course(x + t * (vx + half_ax * t), y + t * (vy + half_ay * t), math.atan2(north, east), speed, turn, gain)
+    @classmethod
+    def fitted(cls, times: list[float], places: list[complex]) -> _Parabola:
+        """Least squares, by polynomials 1, p, q that are orthogonal on these times."""
+        count, middle = len(times), sum(times) / len(times)
+        p = [t - middle for t in times]
+        spread = sum(t * t for t in p)
+        skew, mean = sum(t**3 for t in p) / spread, spread / count
+        q = [t * t - skew * t - mean for t in p]
+        level = sum(places) / count
+        slope = sum(t * z for t, z in zip(p, places, strict=True)) / spread
+        half = sum(t * z for t, z in zip(q, places, strict=True)) / sum(t * t for t in q)
+        place = level - slope * middle + half * (middle**2 + skew * middle - mean)
+        return cls(place, slope - half * (2.0 * middle + skew), half)
+
+    def at(self, t: float) -> complex:
+        """Place then."""
+        return self.place + t * (self.velocity + t * self.half)
+
+    def course(self, t: float) -> Course | None:
+        """What it means then; None where it is slow."""
+        velocity, place = self.velocity + 2.0 * t * self.half, self.at(t)
+        speed = abs(velocity)
+        if speed < SLOWEST:
+            return None
+        gained = 2.0 * self.half * velocity.conjugate() / speed
+        return Course(place.real, place.imag, cmath.phase(velocity), speed, gained.imag / speed, gained.real)
