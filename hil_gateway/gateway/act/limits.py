@@ -58,9 +58,17 @@ class SignalLimit:
             return min(max(previous, low), high)
         return low if raw <= low else high if raw >= high else round(raw)
 
+    def nearest(self, wanted: float) -> int:
+        """The same after anything."""
+        return min(max(round((wanted - self.zero) / self.scale), self.low), self.high)
+
     def value(self, raw: int) -> float:
         """SI of a raw value."""
         return raw * self.scale + self.zero
+
+
+_ABSENT = SignalLimit("", 1.0, 0.0, 0, 0, FREE, FREE)
+"""of a signal that the car does not have"""
 
 
 class Limits:
@@ -90,18 +98,14 @@ class Limits:
         self.signals: Mapping[str, SignalLimit] = {
             name: _signal_limit(name, commands[name], ranges[name], moves[name]) for name in ranges if name in commands
         }
+        self._in_order = tuple(self.signals.get(name, _ABSENT) for name in RawCommand._fields)
         self._bias = None if "brake_rear" in commands else train.brake_bias_front
         """front share of the pressure where the car sets the rear one by itself"""
 
     def resting(self, steering_motor: float) -> RawCommand:
         """Where commands start from: pedals free, the steering (rad at the motor) where it is."""
         rest = ActuatorPositions(steering_motor, 0.0, 0.0, 0.0, 1)
-        return self._raw(
-            {
-                name: min(max(round((getattr(rest, name) - limit.zero) / limit.scale), limit.low), limit.high)
-                for name, limit in self.signals.items()
-            }
-        )
+        return RawCommand(*map(SignalLimit.nearest, self._in_order, rest))
 
     def apply(self, wanted: ActuatorPositions, previous: RawCommand) -> tuple[RawCommand, tuple[str, ...]]:
         """Admissible command nearest to `wanted` after `previous`, and the names of the quantities it had to change.
@@ -109,41 +113,28 @@ class Limits:
         The accelerator is closed while the brakes that are sent (not those asked for) still bite.
         """
         asked = self._in_one_circuit(wanted)
-        braked = {name: self._apply(name, asked, previous) for name in ("brake_front", "brake_rear")}
-        bites = any(self.signals[name].value(raw) > 0.5 * PRESSED for name, raw in braked.items() if raw is not None)
-        closed = asked._replace(accelerator=0.0) if bites or math.isnan(asked.accelerator) else asked
-        others = {name: self._apply(name, closed, previous) for name in ("steering_motor", "accelerator", "gear")}
-        command = self._raw({**braked, **others})
+        command = RawCommand(*map(SignalLimit.apply, self._in_order, asked, previous))
+        sent = self.to_actuators(command)
+        if max(sent.brake_front, sent.brake_rear) > 0.5 * PRESSED or math.isnan(asked.accelerator):
+            closed = self.signals["accelerator"].apply(0.0, previous.accelerator)
+            command = command._replace(accelerator=closed)
         return command, self._changed(asked, command)
 
     def to_actuators(self, command: RawCommand) -> ActuatorPositions:
         """SI values of what stands in the frames."""
-        values: dict[str, Any] = {n: limit.value(getattr(command, n)) for n, limit in self.signals.items()}
-        if self._bias is not None:
-            values["brake_rear"] = values["brake_front"] * (1.0 - self._bias) / self._bias
-        return ActuatorPositions(**{**values, "gear": round(values["gear"])})
+        steering, accelerator, front, rear, gear = map(SignalLimit.value, self._in_order, command)
+        rear = rear if self._bias is None else front * (1.0 - self._bias) / self._bias
+        return ActuatorPositions(steering, accelerator, front, rear, round(gear))
 
     def _in_one_circuit(self, wanted: ActuatorPositions) -> ActuatorPositions:
         """What to ask of the front circuit where the rear one follows it: the same force of both together."""
         if self._bias is None:
             return wanted
-        return wanted._replace(brake_front=self._bias * (wanted.brake_front + wanted.brake_rear))
-
-    def _apply(self, name: str, wanted: ActuatorPositions, previous: RawCommand) -> int | None:
-        limit = self.signals.get(name)
-        return None if limit is None else limit.apply(getattr(wanted, name), getattr(previous, name))
-
-    @staticmethod
-    def _raw(values: Mapping[str, int | None]) -> RawCommand:
-        return RawCommand(**{name: values.get(name) or 0 for name in RawCommand._fields})
+        return wanted._replace(brake_front=self._bias * (wanted.brake_front + wanted.brake_rear), brake_rear=0.0)
 
     def _changed(self, wanted: ActuatorPositions, command: RawCommand) -> tuple[str, ...]:
-        sent = self.to_actuators(command)
-        return tuple(
-            name
-            for name, limit in self.signals.items()
-            if not abs(getattr(wanted, name) - getattr(sent, name)) <= 0.501 * abs(limit.scale)
-        )
+        rows = zip(self._in_order, wanted, command, strict=True)
+        return tuple(of.name for of, asked, raw in rows if not abs(asked - of.value(raw)) <= 0.501 * abs(of.scale))
 
 
 def _signal_limit(name: str, place: Place, bounds: tuple[float, float], rates: tuple[float, float]) -> SignalLimit:
