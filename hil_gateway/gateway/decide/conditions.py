@@ -197,7 +197,7 @@ class Conditions:
         """Who sends, and whether all arrives."""
         builder = self._builder
         return {
-            "sender_doubled": _holds(bool(builder.senders.doubled)),
+            "sender_doubled": _holds(builder.doubled),
             "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),
             "foreign_commands": _holds(builder.foreign_commands(now_ns)),
             "can_silence": builder.silence_s(now_ns),

@@ -1,16 +1,8 @@
-"""Counts of what was received on the wire, a leaky bucket for wrong counters, and second senders."""
+"""Counts of what was received on the wire, and leaky buckets, for wrong counters and second senders."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-
-from hil_gateway.process.clock import NS_PER_S
-
-OVER = 1.4
-"""times its declared rate at which a message may come for ever: a sender's clock, and frames that waited somewhere"""
-SURPLUS_S = 0.5
-"""of declared frames beyond that are a second sender: more than any pause of one delivers afterwards (its deadline)"""
 
 
 @dataclass(slots=True)
@@ -44,31 +36,3 @@ class FrameCounts:
     errors: int = 0
     counter_errors: int = 0
     implausible: int = 0
-
-
-class Senders:
-    """Messages that come more often than one sender sends them."""
-
-    def __init__(self, periods: Mapping[int, float]) -> None:
-        """`periods`: identifier -> declared period, s."""
-        self._surplus = {identifier: _surplus(period) for identifier, period in periods.items()}
-        self.doubled: set[int] = set()
-        """identifiers that more than one sender sends, as of their newest frames"""
-
-    def add(self, identifier: int, now_ns: int) -> None:
-        """Count one frame."""
-        known = self._surplus.get(identifier)
-        if known is None:
-            return
-        bucket, most_ns = known
-        bucket.add(now_ns)
-        if bucket.empty_ns - now_ns > most_ns:
-            self.doubled.add(identifier)
-        elif self.doubled:
-            self.doubled.discard(identifier)
-
-
-def _surplus(period_s: float) -> tuple[LeakyBucket, int]:
-    """Of frames with this period, and ns to run dry from which on they are too many."""
-    most, leak_ns = max(round(SURPLUS_S / period_s), 5), round(period_s * NS_PER_S / OVER)
-    return LeakyBucket(leak_ns, highest=2 * most), (most - 1) * leak_ns

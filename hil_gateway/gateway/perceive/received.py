@@ -9,6 +9,7 @@ from can_dbc.codec import Codec, Decoder, Values
 from can_dbc.database import BusMessage
 from can_dbc.quantities import WHEELS
 from hil_gateway.car.car import Car
+from hil_gateway.gateway.perceive.frame_counts import LeakyBucket
 from hil_gateway.gateway.perceive.positions.fixes import MOVING, Fixes
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.clock import NS_PER_S
@@ -16,6 +17,10 @@ from hil_gateway.process.clock import NS_PER_S
 STUCK_FRAMES = 20
 """So many IMU or wheel frames (0.2 s) with the very same bytes while moving: the sensor hangs (noise changes the last
 bit of each; a sensor at 50 Hz repeats itself once)."""
+OVER = 1.4
+"""times its declared rate at which a message may come for ever: a sender's clock, and frames that waited somewhere"""
+SURPLUS_S = 0.5
+"""of declared frames beyond that are a second sender: more than any pause of one delivers afterwards (its deadline)"""
 WHEEL_SPEEDS = tuple(f"wheel_speed_{wheel}" for wheel in WHEELS)
 MOTOR_SENSORS = ("steering_motor_primary", "steering_motor_secondary")
 
@@ -33,12 +38,22 @@ class Received:
     """the same bytes again say the same again: no counter, no new fix, no sensor that may hang"""
     modulus: int
     """of its counter; 0: it does not count"""
+    surplus: LeakyBucket
+    """frames beyond those of one sender"""
     checks: tuple[Check, ...] = ()
     stamp_ns: int | None = None
     data: bytes | None = None
     plausible: bool = False
     counter: int | None = None
     repeats: int = 0
+    doubled: bool = False
+    """whether more than one sender sends it, as of its newest frame"""
+
+    def count(self, now_ns: int) -> None:
+        """One frame more."""
+        self.surplus.add(now_ns)
+        # it runs over at twice of what is too many
+        self.doubled = self.surplus.empty_ns - now_ns > (self.surplus.highest // 2 - 1) * self.surplus.leak_ns
 
 
 Check = Callable[[Received, Mapping[str, float]], bool]
@@ -97,9 +112,15 @@ def received_messages(car: Car, newest: Values, fixes: Fixes) -> dict[int, Recei
             deadline_ns=round(layout.deadline_s * NS_PER_S),
             repeatable=layout.counter is None and not hangs,
             modulus=layout.counter.modulus if layout.counter is not None else 0,
+            surplus=_surplus(layout.period_s),
             checks=checks.of(quantities),
         )
     return found
+
+
+def _surplus(period_s: float) -> LeakyBucket:
+    """Of frames with this period; half full of too many."""
+    return LeakyBucket(round(period_s * NS_PER_S / OVER), highest=2 * max(round(SURPLUS_S / period_s), 5))
 
 
 def _limits(codec: Codec, quantities: tuple[str, ...]) -> tuple[tuple[str, float, float], ...]:

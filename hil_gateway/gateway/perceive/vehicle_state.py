@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from operator import attrgetter
 from typing import Any
 
 from can_dbc.codec import COUNTER, Codec, Fault, FaultKind
@@ -18,7 +19,7 @@ from hil_gateway.can_link import Frame
 from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.states import SysState, TrackFlag, VehicleFlag, meanings
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.frame_counts import FrameCounts, LeakyBucket, Senders
+from hil_gateway.gateway.perceive.frame_counts import FrameCounts, LeakyBucket
 from hil_gateway.gateway.perceive.imu_place import ImuPlace
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.gateway.perceive.positions.network import NetworkReceivers
@@ -85,7 +86,6 @@ class VehicleStateBuilder:
         self._foreign_emergency_ns: int | None = None
         self._foreign_command_ns: int | None = None
         self._foreign_report_ns: int | None = None
-        self.senders = Senders({entry.layout.id: entry.layout.period_s for entry in self._received.values()})
         self.counter_faults = LeakyBucket(COUNTER_LEAK_NS, highest=2 * COUNTER_FAULT)
 
     def take(self, frames: Iterable[Frame], now_ns: int) -> None:
@@ -136,6 +136,11 @@ class VehicleStateBuilder:
     def vehicle_flag(self, quantity: str) -> VehicleFlag:
         """Meaning of a vehicle flag."""
         return self._vehicle_flags.get(int(self.value(quantity)), VehicleFlag.UNKNOWN)
+
+    @property
+    def doubled(self) -> bool:
+        """Whether any message comes from more than one sender."""
+        return any(map(attrgetter("doubled"), self._received.values()))
 
     @property
     def mode_switch(self) -> bool:
@@ -220,7 +225,7 @@ class VehicleStateBuilder:
         if entry is None:
             self._take_foreign(frame, now_ns)
             return
-        self.senders.add(frame.id, now_ns)
+        entry.count(now_ns)
         stamp_ns = frame.stamp_ns if frame.stamp_ns < now_ns else now_ns
         if entry.repeatable and data == entry.data:
             entry.stamp_ns = self._newest_ns = stamp_ns
@@ -283,13 +288,13 @@ class VehicleStateBuilder:
 
     def _health(self, entries: tuple[Received, ...], now_ns: int) -> SourceHealth:
         """As old as its oldest message; valid when every message is in time, plausible and from one sender."""
-        valid, oldest_ns, doubled = True, now_ns, self.senders.doubled
+        valid, oldest_ns = True, now_ns
         for entry in entries:
             stamp_ns = entry.stamp_ns
             if stamp_ns is None:
                 return _NEVER_HEARD
             in_time = now_ns - stamp_ns <= entry.deadline_ns
-            valid = valid and entry.plausible and in_time and not (doubled and entry.layout.id in doubled)
+            valid = valid and entry.plausible and in_time and not entry.doubled
             oldest_ns = min(oldest_ns, stamp_ns)
         return SourceHealth(age_s=(now_ns - oldest_ns) / NS_PER_S, valid=valid)
 
