@@ -107,8 +107,12 @@ def stronger_vehicle_flag(one: int, other: int) -> int:
 
 def stronger_track_flag(one: int, other: int) -> int:
     """The more restrictive of the track flags of two transmitters."""
-    rank = (TrackFlag.NONE, TrackFlag.GREEN, TrackFlag.FULL_COURSE_YELLOW, TrackFlag.CHECKERED, TrackFlag.RED)
-    return max(one, other, key=lambda flag: rank.index(flag) if flag in rank else 0)
+    return max(one, other, key=lambda flag: _RANKS.get(flag, 0))
+
+
+_RANKS: Mapping[int, int] = {
+    TrackFlag.GREEN: 1, TrackFlag.FULL_COURSE_YELLOW: 2, TrackFlag.CHECKERED: 3, TrackFlag.RED: 4,
+}  # fmt: skip
 
 
 def _severity(flag: int) -> int:

@@ -28,6 +28,8 @@ QUIET_S = 1.0
 left to the failsafe"""
 WATCHED: dict[str, Topic[Any]] = {"estimator": BELIEF, "recorder": RECORDER_STATUS}
 """beside the planner, whose plans the gateway reads anyway"""
+LOOK_NS = NS_PER_S // 10
+"""between two looks at what comes seldom; a new plan is looked at once"""
 QUEUE = 8
 REFINED_NS = 60 * NS_PER_S
 """tyres are refined every few seconds while driving: one entry a minute is enough"""
@@ -39,6 +41,7 @@ class OtherProcesses:
     def __init__(self, bus: Bus) -> None:
         self._readers = {name: LatestReader(bus, topic) for name, topic in WATCHED.items()}
         self._alive: set[str] = set()
+        self._plans = self._due_ns = 0
         self._revisions = LatestReader(bus, MODEL_REVISION)
         self._alerts = bus.subscribe(ALERT, depth=QUEUE)
         self._proposals = bus.subscribe(MODEL_PROPOSAL, depth=QUEUE)
@@ -54,6 +57,9 @@ class OtherProcesses:
 
     def step(self, now_ns: int, planned: Latest[Plan]) -> Iterator[Change]:
         """Changes since the last call; `planned` as the gateway has read it."""
+        if now_ns < self._due_ns and planned.count == self._plans:
+            return
+        self._due_ns, self._plans = now_ns + LOOK_NS, planned.count
         for name, reader in self._readers.items():
             yield from self._presence(name, reader.update(now_ns), now_ns)
         yield from self._presence("planner", planned, now_ns)

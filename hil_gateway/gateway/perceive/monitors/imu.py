@@ -76,11 +76,10 @@ class ImuMonitor:
         sign: on a patch of less grip both forces fall."""
         if len(self._readings) < 2 * STEADY:
             return False
-        turn, *forces = (_step(reading) for reading in zip(*self._readings, strict=True))
-        stepped = [abs(force) > FORCE for force in forces]
-        _, *before = self._readings[STEADY - 1]
-        mirrored = any(was * (was + force) < 0.0 for force, was in zip(forces, before, strict=True))
-        return abs(turn) > KICK or (abs(turn) > TURN and any(stepped)) or (all(stepped) and mirrored)
+        turn, ay, ax = map(_step, zip(*self._readings, strict=True), (TURN, FORCE, FORCE))
+        _, ay_before, ax_before = self._readings[STEADY - 1]
+        mirrored = min(ay_before * (ay_before + ay), ax_before * (ax_before + ax)) < 0.0
+        return abs(turn) > KICK or bool(turn and (ay or ax)) or bool(ay and ax and mirrored)
 
     def _repair(self) -> GyroRepair | None:
         """By the readings on both sides of the step: an offset of the yaw rate alone, or the other sign of all, or of
@@ -128,8 +127,11 @@ class _Noise:
         return known and sum(self._lately) / WINDOW < QUIET * self._usual
 
 
-def _step(readings: tuple[float, ...]) -> float:
-    """By how much the later half of the readings differs from the earlier one at once; 0 where it does not step."""
+def _step(readings: tuple[float, ...], least: float) -> float:
+    """By how much more than `least` the later half of the readings differs from the earlier one at once; 0 where it
+    does not step."""
+    if abs(readings[STEADY] - readings[STEADY - 1]) <= least:
+        return 0.0
     changes = [now - before for before, now in pairwise(readings)]
     step = changes.pop(STEADY - 1)
     return step if max(map(abs, changes)) < LEVEL_SHARE * abs(step) else 0.0
