@@ -35,7 +35,10 @@ Learn = Annotated[
 Receivers = Annotated[
     bool, typer.Option("--receivers", help="positions from NovAtel receivers on the network, and none on CAN")
 ]
-Stay = Annotated[bool, typer.Option("--stay", help="until Ctrl-C: a person cranks and arms, stops end nothing")]
+Stay = Annotated[
+    bool,
+    typer.Option("--stay", help="until Ctrl-C: a person cranks and arms, starts again what died; stops end nothing"),
+]
 Dashboard = Annotated[bool, typer.Option("--dashboard", help="also serve the live page")]
 Headless = Annotated[bool, typer.Option("--headless", help="no live view")]
 AsJson = Annotated[bool, typer.Option("--json", help="one JSON object on standard output")]

@@ -124,7 +124,7 @@ class Run:
 
     def _watch_processes(self, now_ns: int) -> None:
         for gone in self._supervisor.poll():
-            self._tell(str(gone))
+            self._tell(f"{gone}; to start it again: `{gone.again}`" if self._options.stay else str(gone))
             if gone.optional or self._options.stay:
                 continue
             self.result.exits.append(gone)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from hil_gateway.bus.messages import FailsafeAction, GatewayStatus
-from hil_gateway.bus.topics import GATEWAY_STATUS
+from hil_gateway.bus.topics import ESTIMATE, GATEWAY_STATUS
 from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.referee import DriveReferee
@@ -167,7 +167,7 @@ def _headline(scene: Scene) -> RenderableType:
         return Text(f" {scene.gateway_lost} ", style="bold reverse red")
     text = Text(f" {status.action.value.upper()} ", style=f"bold reverse {COLOURS[status.action]}")
     text.append(f"  {status.cause}" if status.cause else "", style="reset")
-    if status.action is FailsafeAction.SILENT:
+    if status.action is not FailsafeAction.DRIVE:
         text.append(f"  {before_arming(status)}", style="reset yellow")
     return text
 
@@ -178,7 +178,8 @@ def before_arming(status: GatewayStatus) -> str:
     if not missing:
         return "ready: `hil gateway arm`"
     more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
-    return f"not armed yet: {status.advice.get(missing[0]) or EXPLANATION.get(missing[0], missing[0])}{more}"
+    awaited = "not armed yet" if status.action is FailsafeAction.SILENT else "before it drives again"
+    return f"{awaited}: {status.advice.get(missing[0]) or EXPLANATION.get(missing[0], missing[0])}{more}"
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -257,9 +258,9 @@ def line(scene: Scene) -> str:
     parts.append(status.action.value if status else "waiting for the gateway")
     if status and status.cause:
         parts.append(f"({status.cause})")
-    if status and status.action is FailsafeAction.SILENT:
+    if status and status.action is not FailsafeAction.DRIVE:
         parts.append(before_arming(status))
-    if estimate:
+    if estimate and scene.monitor.ages_s(scene.now_ns)[ESTIMATE.key][1]:
         parts.append(f"{estimate.vx:z5.1f} m/s, steering {math.degrees(estimate.steer):+5.1f} deg")
     if plan:
         parts.append(f"plan {plan.solve_ms:.0f} ms")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -59,13 +60,16 @@ class Exit:
     name: str
     code: int
     last_words: str
+    again: str
+    """what a person types to start it again"""
     optional: bool = False
 
     def __str__(self) -> str:
         how = (
             f"was killed by {signal.Signals(-self.code).name}" if self.code < 0 else f"ended with exit code {self.code}"
         )
-        return f"{self.name} {how}" + (f": {self.last_words}" if self.last_words else "")
+        said = "; it had said: " if self.code < 0 else ": "
+        return f"{self.name} {how}" + (f"{said}{self.last_words}" if self.last_words else "")
 
 
 class Supervisor:
@@ -113,15 +117,20 @@ class Supervisor:
 
     def command(self, spec: ProcessSpec) -> list[str]:
         """What is run for a process."""
-        command = [sys.executable, "-m", "hil_gateway", spec.name, "run", "--config", str(self._config_file)]
-        return [*command, *spec.arguments]
+        return [sys.executable, "-m", "hil_gateway", *self._arguments(spec)]
+
+    def _arguments(self, spec: ProcessSpec) -> list[str]:
+        return [spec.name, "run", "--config", str(self._config_file), *spec.arguments]
 
     def poll(self) -> list[Exit]:
         """Processes that ended since the last call."""
         ended = [s for s in self._specs if s.name in self._running and self._running[s.name].poll() is not None]
         codes = {spec: self._running.pop(spec.name).returncode for spec in ended}
         unasked = [spec for spec in ended if spec.name not in self._asked]
-        return [Exit(s.name, codes[s], self._last_words(s.name), s.optional) for s in unasked]
+        return [Exit(s.name, codes[s], self._last_words(s.name), self._again(s), s.optional) for s in unasked]
+
+    def _again(self, spec: ProcessSpec) -> str:
+        return shlex.join(["hil", *self._arguments(spec)])
 
     def ask_to_end(self, name: str) -> None:
         """Ask one process to end in its own time, and go on; `poll` does not report it."""

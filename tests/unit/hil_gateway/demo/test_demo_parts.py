@@ -251,6 +251,19 @@ def test_plain_line_says_why_nothing_moves_and_what_the_car_does() -> None:
     assert "ready: `hil gateway arm`" in line(scene)
 
 
+def test_plain_line_says_what_a_stopped_car_waits_for_and_no_speed_of_an_estimate_that_is_gone() -> None:
+    bus = LocalBus()
+    monitor = Monitor(bus)
+    bus.publish(GATEWAY_STATUS, status("emergency_stop", ("estimate_invalid",), "command_dead"))
+    bus.publish(ESTIMATE, estimate(0, vx=40.0))
+    monitor.update(0, driving=True)
+    now = line(Scene(0, 1.5, monitor, DriveReferee(bus), {}, {"gateway": 1}, "track on bus"))
+    assert "40.0 m/s" in now and "before it drives again: no valid estimate: `hil estimator run`" in now
+    bus.publish(GATEWAY_STATUS, status("emergency_stop", ("estimate_invalid",), "command_dead", seq=1))
+    monitor.update(1000 * MS, driving=True)
+    assert "m/s" not in line(Scene(1000 * MS, 1.5, monitor, DriveReferee(bus), {}, {"gateway": 1}, "track on bus"))
+
+
 @pytest.mark.parametrize(
     ("alive", "said"), [({}, "the gateway has ended"), ({"gateway": 1}, "no word of the gateway for 3.0 s")]
 )

@@ -49,7 +49,8 @@ def test_a_killed_process_is_named_with_its_signal_once(tmp_path: Path) -> None:
         deadline = time.monotonic() + 5
         while not (gone := supervisor.poll()):
             assert time.monotonic() < deadline
-        assert [str(e) for e in gone] == ["planner was killed by SIGKILL: up"]
+        assert [str(e) for e in gone] == ["planner was killed by SIGKILL; it had said: up"]
+        assert gone[0].again == f"hil planner run --config {tmp_path}/config.toml"
         assert supervisor.poll() == []
         assert list(supervisor.pids) == ["plant"]
 
