@@ -57,7 +57,8 @@ class Outing:
         new = number not in self._runs
         if new and status.plan.tyres:
             self._tyres = status.plan.tyres
-        begun = dict.fromkeys(DRIVEN, 0.0) | {"t": t_s, "speed_caps": [], "load_caps": [], "parked": None}
+        begun: dict[str, Any] = {"t": t_s, "speed_caps": [], "load_caps": [], "parked": None}
+        begun |= dict.fromkeys(DRIVEN, 0.0)
         row = self._runs.setdefault(number, begun)
         self.run = self._newest = number
         plan = status.plan.model_dump(mode="json", include={"name", "tyres", "fuel_kg", "notes"})
