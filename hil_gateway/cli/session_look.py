@@ -16,7 +16,7 @@ TrackFile = Annotated[str, typer.Option("--track", help="track file or name (def
 
 
 def view(
-    file: Annotated[Path, typer.Argument(help="a recorded .mcap file")],
+    file: Annotated[Path, typer.Argument(help="a recorded .mcap file, or a folder: the newest that lies there or one below")],
     port: Annotated[int, typer.Option(help="TCP port; 0: any free one", min=0, max=65535)] = 8025,
     track: TrackFile = "",
     lap_limit: Annotated[
@@ -27,9 +27,11 @@ def view(
     from hil_gateway.dashboard.recording import Recording, create_app
     from hil_gateway.dashboard.server import listen, serve
     from hil_gateway.session.files.configuration import recorded_config
+    from hil_gateway.session.files.run import newest_in
     from hil_gateway.track.loading import load_track
 
     listener = listen(LOOPBACK, port)
+    file = newest_in(file) if file.is_dir() else file
     config = recorded_config(file)
     course = load_track(track or config.track)
     typer.echo(f"reading {file}", err=True)

@@ -69,7 +69,7 @@ def _quantised(log: DriveLog) -> list[LogFinding]:
         resolution = resolution_of(log[name])
         noise = wiener(log[name], log.step).noise
         if resolution > COARSE * max(noise, 1e-12) and resolution > 0.002 * float(np.std(log[name])):
-            text = f"resolution {resolution:.3g} is coarser than the noise, {noise:.2g}"
+            text = f"{name} has a resolution of {resolution:.3g}, coarser than its noise, {noise:.2g} (SI)"
             findings.append(LogFinding(f"quantised_{name}", name, text, resolution, 0.0, "SI", 1.0))
     return findings
 

@@ -94,6 +94,18 @@ def recordings(folder: Path) -> list[Path]:
     return sorted(path for path in folder.glob("*.mcap") if path.is_file())
 
 
+def newest_in(folder: Path) -> Path:
+    """The recording that was written last, of those in a folder and in the folders in it.
+
+    Raises:
+        InputError: there is none.
+    """
+    found = [path for place in (folder, *filter(Path.is_dir, folder.iterdir())) for path in recordings(place)]
+    if not found:
+        raise InputError(f"{folder}: no recording (.mcap) in it or in the folders in it")
+    return max(found, key=lambda path: path.stat().st_mtime_ns)
+
+
 def run_of(path: Path) -> tuple[Path, ...]:
     """A recording and those beside it that go on with it."""
     for run in runs_in(recordings(path.parent)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,8 @@ from unit.hil_gateway.session.test_catalogue import SPEED, estimate
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.topics import ESTIMATE, GATEWAY_STATUS
 from hil_gateway.cli.main import app
-from hil_gateway.session.files.run import run_of, runs_in
+from hil_gateway.process.errors import InputError
+from hil_gateway.session.files.run import newest_in, run_of, runs_in
 from hil_gateway.session.files.writer import SessionFile
 from hil_gateway.track.loading import load_track
 
@@ -74,3 +76,15 @@ def test_a_file_that_cannot_be_read_is_a_run_of_its_own(tmp_path):
     first, bad = write(tmp_path / "session.mcap", 0.0, 5.0), tmp_path / "bad.mcap"
     bad.write_bytes(b"no recording")
     assert runs_in([bad, first]) == [(first,), (bad,)]
+
+
+def test_the_newest_recording_of_a_folder_of_folders_is_the_one_to_look_at(tmp_path):
+    for name, written_ns in (("a", 2), ("b", 1)):
+        (tmp_path / name).mkdir()
+        path = write(tmp_path / name / "session.mcap", 0.0, 1.0)
+        os.utime(path, ns=(written_ns, written_ns))
+    assert newest_in(tmp_path) == tmp_path / "a" / "session.mcap"
+    empty = tmp_path / "b" / "empty"
+    empty.mkdir()
+    with pytest.raises(InputError, match="no recording"):
+        newest_in(empty)
