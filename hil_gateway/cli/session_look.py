@@ -16,7 +16,7 @@ TrackFile = Annotated[str, typer.Option("--track", help="track file or name (def
 
 
 def view(
-    file: Annotated[Path, typer.Argument(help="a recorded .mcap file, or a folder: the newest that lies there or one below")],
+    file: Annotated[Path, typer.Argument(help="a recorded .mcap file; of a folder, and of those in it, the newest")],
     port: Annotated[int, typer.Option(help="TCP port; 0: any free one", min=0, max=65535)] = 8025,
     track: TrackFile = "",
     lap_limit: Annotated[
