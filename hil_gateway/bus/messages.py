@@ -7,6 +7,7 @@ of the configured origin). Stamps are monotonic nanoseconds of the sender.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Literal, Self
 
@@ -72,10 +73,12 @@ class Agreement(Model):
     car: Name
 
 
-class SourceHealth(Model):
+@dataclass(frozen=True, slots=True)
+class SourceHealth:
     """One group of CAN messages behind the vehicle state."""
 
-    age_s: Parameter | None = Field(description="seconds since the last frame; null before the first")
+    __pydantic_config__ = Model.model_config
+    age_s: Annotated[Parameter | None, Field(description="seconds since the last frame; null before the first")]
     valid: bool
 
 
