@@ -19,7 +19,7 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.car.actuation import Actuation
 from hil_gateway.car.states import CtState
 from hil_gateway.config import Config
-from hil_gateway.gateway.act.actor import Actor
+from hil_gateway.gateway.act.actor import Actor, Found
 from hil_gateway.gateway.decide.conditions import Conditions
 from hil_gateway.gateway.decide.decision import Decision, Situation, decide
 from hil_gateway.gateway.decide.failsafe import ROWS, Failsafe, Inputs
@@ -212,8 +212,7 @@ class Gateway:
         believed = estimate if monitors.estimate_fits and in_time else None
         drifts, aside = monitors.position.drifts, self._drifted(known)
         pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fixes_fit or drifts, aside)
-        monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
-        monitored = monitors.measures(now_ns, state, pose, commanded, course)
+        monitored = monitors.measures(now_ns, state, pose, commanded, course, before.stopping, self._tyres.flat)
         found = monitors.imu_wrong and not imu_was_wrong
         if found:  # a stop that begins now must not go by what was false
             motion = monitors.motion.again(state, course)
@@ -249,12 +248,12 @@ class Gateway:
     def _act(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:
         """Ladder and actuator commands on the wire, and what was sent on the bus."""
         decision, command = self.decision, self.inbox.gate.newest
-        self._actor.stopping.flat, self._actor.stopping.blind = self._tyres.flat, self.monitors.blind
-        self._actor.flat_front, self._actor.flat_rear = self._tyres.flat_front, self._tyres.flat_rear
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
-        self._actor.steering_reversed = self.monitors.steering_reversed
-        self._actor.caution_speed = caution_speed(self.builder, self._caution_speed)
-        sent, limited = self._actor.step(now_ns, state, motion, decision, command, pose)
+        found = Found(
+            self._tyres.flat_front, self._tyres.flat_rear, self.monitors.blind, self.monitors.steering_reversed,
+            caution_speed(self.builder, self._caution_speed),
+        )  # fmt: skip
+        sent, limited = self._actor.step(now_ns, state, motion, decision, command, pose, found)
         self._reporter.measure_latency(now_ns, decision, command)
         self._bus.publish(topics.APPLIED, self._actor.applied(now_ns, self._seq, state, decision, sent, limited))
         self._seq += 1

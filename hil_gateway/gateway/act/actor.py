@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import NamedTuple
 
 from can_dbc.codec import Codec
 from hil_gateway.bus.messages import Applied, Command, FailsafeAction, VehicleState
@@ -38,6 +39,20 @@ UNBRAKED = ("pedals_stuck", "commands_unanswered")
 """causes for which the brakes, or some of them, may not work"""
 
 
+class Found(NamedTuple):
+    """What is known of the car and its way that changes how it is driven."""
+
+    flat_front: bool
+    flat_rear: bool
+    """whether a tyre of that axle is flat"""
+    blind: bool
+    """whether no fixes hold the pose"""
+    steering_reversed: bool
+    """whether the steering goes to the other side than its command: a stop then asks for the other side"""
+    caution_speed: float
+    """m/s, under yellow flags"""
+
+
 class Actor:
     """Actuators of the car: holds what stands on the wire and the path to stop on."""
 
@@ -49,10 +64,7 @@ class Actor:
         self._testing = config.gateway.mode == "actuator_test"
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
         self._mass_per_force = config.vehicle.mass / config.powertrain.force_per_drive
-        self.caution_speed = config.gateway.caution_speed
-        """m/s, under yellow flags"""
-        self.steering_reversed = False
-        """whether the steering goes to the other side than its command: a stop then asks for the other side"""
+        self._found = Found(False, False, False, False, config.gateway.caution_speed)
         self._drag_force = partial(config.powertrain.drag_force, wheel_radius=config.vehicle.wheel_radius)
         self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
         self._limits = Limits(config.car, config.gateway.limits.within(config.car))
@@ -61,8 +73,6 @@ class Actor:
         self.stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
         self._stuck = StuckSteering(car, config.gateway.stop, track)
         self._axles = AxleBrakes(car, config.gateway.stop.lateral_grip)
-        self.flat_front = self.flat_rear = False
-        """whether a tyre of that axle is flat"""
         self._holding = False
         """whether the brakes hold the standing car, whatever a command asks for"""
         self.sent = self.limited = 0
@@ -88,15 +98,12 @@ class Actor:
         self._axles.start()
 
     def step(  # noqa: PLR0917 - a period
-        self,
-        now_ns: int,
-        state: VehicleState,
-        motion: Motion,
-        decision: Decision,
-        command: Command | None,
-        pose: Pose | None,
-    ) -> tuple[bool, tuple[str, ...]]:
+        self, now_ns: int, state: VehicleState, motion: Motion, decision: Decision, command: Command | None,
+        pose: Pose | None, found: Found,
+    ) -> tuple[bool, tuple[str, ...]]:  # fmt: skip
         """Send this period's commands; whether all left, and the limits that changed them."""
+        self._found = found
+        self.stopping.flat, self.stopping.blind = found.flat_front or found.flat_rear, found.blind
         armed, self._holding = decision.failsafe.armed, decision.holding
         if self._hill is not None:
             self._hill.watch(state, self.on_wire)
@@ -122,14 +129,9 @@ class Actor:
         return ActuatorPositions(steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
 
     def _wanted(  # noqa: PLR0917 - a period
-        self,
-        now_ns: int,
-        state: VehicleState,
-        motion: Motion,
-        decision: Decision,
-        command: Command | None,
+        self, now_ns: int, state: VehicleState, motion: Motion, decision: Decision, command: Command | None,
         pose: Pose | None,
-    ) -> ActuatorPositions:
+    ) -> ActuatorPositions:  # fmt: skip
         gear = self._gears.step(now_ns, motion.speed, state.engine_speed, state.gear)
         self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor), motion)
         self._axles.watch(state, self.on_wire)
@@ -147,12 +149,8 @@ class Actor:
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         lateral = self.stopping.lateral
         if not driving and lateral is not None:
-            wanted = self._axles.step(
-                wanted,
-                AxleDemand(lateral, self.flat_front, self.flat_rear, self._drag_force(state.gear)),
-                state,
-                motion,
-            )
+            flat = self._found.flat_front, self._found.flat_rear
+            wanted = self._axles.step(wanted, AxleDemand(lateral, *flat, self._drag_force(state.gear)), state, motion)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return self._parked(wanted.steering_motor, gear)
@@ -161,19 +159,19 @@ class Actor:
         """Road-wheel angle (rad) and slip-ratio drive command of a stop."""
         cause = decision.failsafe.cause
         emergency = decision.action is FailsafeAction.EMERGENCY_STOP or cause in HARD
-        steers = cause != "steering_stuck" or self.steering_reversed or self._stuck.steers(motion)
+        steers = cause != "steering_stuck" or self._found.steering_reversed or self._stuck.steers(motion)
         held = not steers and self._stuck.stands
         steer, drive = self.stopping.command(motion, pose, emergency, not held, brakes=cause not in UNBRAKED)
         if not steers:
             sliding = self._stuck.deceleration(motion, pose)
             drive = drive if sliding is None else -self._mass_per_force * sliding
-        return (-steer if self.steering_reversed else steer), drive
+        return (-steer if self._found.steering_reversed else steer), drive
 
     def _paced(self, drive: float, speed: float, decision: Decision) -> float:
         """Slip-ratio drive command of which no more is left, under yellow flags, than leads to the caution speed."""
         if decision.race_control.ct_state is not CtState.CAUTION:
             return drive
-        wanted = max((self.caution_speed - speed) / CAUTION_S, -CAUTION_DECELERATION)
+        wanted = max((self._found.caution_speed - speed) / CAUTION_S, -CAUTION_DECELERATION)
         return min(drive, self._mass_per_force * wanted)
 
     def applied(  # noqa: PLR0917 - what a message says

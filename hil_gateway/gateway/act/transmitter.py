@@ -28,8 +28,8 @@ class _Sent:
     """One message that leaves."""
 
     layout: BusMessage
-    rest: Mapping[str, int]
-    """integers of the signals that nothing sets"""
+    values: dict[str, int]
+    """integers of all its signals: as they rest where nothing sets them"""
     signals: Mapping[str, str]
     """quantity -> its signal"""
     every: int
@@ -79,8 +79,7 @@ class Transmitter:
         for message in self._actuators:
             message.wait -= 1
             due = message.wait < 0
-            raw = {signal: getattr(command, name) for name, signal in message.signals.items()}
-            left = due and self._message(message, raw)
+            left = due and self._message(message, {s: getattr(command, name) for name, s in message.signals.items()})
             message.wait = message.every - 1 if left else message.wait if not due else 0
             all_left = all_left and (left or not due)
             if not left:
@@ -105,12 +104,13 @@ class Transmitter:
             self._message(message, raw)
 
     def _message(self, message: _Sent, raw: Mapping[str, int]) -> bool:
-        """Add what rests and the counter, pack, send: the integers that were checked are those in the bytes."""
-        layout, values = message.layout, {**message.rest, **raw}
-        if layout.counter is None:
-            return self.send(*self._codec.pack(layout.name, values))
-        sent = self.send(*self._codec.pack(layout.name, {**values, layout.counter.signal: message.counter}))
-        message.counter = (message.counter + sent) % layout.counter.modulus
+        """Set values and counter, pack, send: the integers that were checked are those in the bytes."""
+        values, counter = message.values, message.layout.counter
+        values.update(raw)
+        if counter is not None:
+            values[counter.signal] = message.counter
+        sent = self.send(*self._codec.pack(message.layout.name, values))
+        message.counter = (message.counter + sent) % counter.modulus if counter is not None else 0
         return sent
 
 

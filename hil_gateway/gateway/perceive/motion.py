@@ -75,6 +75,22 @@ class Motion(NamedTuple):
     """whether the gyro is one with what it is wrong by taken back: the rest of that adds up, and fixes correct it"""
 
 
+class Judged(NamedTuple):
+    """What the monitors think of the sensors."""
+
+    imu: bool = True
+    wheels: bool = True
+    """false when other sensors contradict them"""
+    imu_wrong: bool = False
+    """whether the IMU is contradicted, and not only gone: the last it has taught may be wrong, too"""
+    repair: GyroRepair | None = None
+    """what makes a gyro that is not believed right again, where that is known"""
+    steer_zero: float = 0.0
+    """road-wheel angle beyond what is reported, rad"""
+    stopping: bool = False
+    """whether the car is being stopped: a slide teaches nothing of how it turns under the brakes"""
+
+
 class _Taught(NamedTuple):
     """What the IMU has taught."""
 
@@ -124,16 +140,7 @@ class MotionReader:
         self._turned: deque[float] = deque(maxlen=COURSE_WINDOW)
         """yaw rates by the wheels of both axles in those periods, rad/s; none where one of them has said nothing"""
         self.motion = Motion()
-        self.steer_zero = 0.0
-        """road-wheel angle beyond what is reported, rad"""
-        self.stopping = False
-        """whether the car is being stopped: a slide teaches nothing of how it turns under the brakes"""
-        self.believe_imu = self.believe_wheels = True
-        """false when other sensors contradict them"""
-        self.imu_wrong = False
-        """whether the IMU is contradicted, and not only gone: the last it has taught may be wrong, too"""
-        self.repair: GyroRepair | None = None
-        """what makes a gyro that is not believed right again, where that is known"""
+        self.judged = Judged()
         self._repaired = RepairedGyro()
 
     def step(
@@ -143,8 +150,8 @@ class MotionReader:
         `commanded` stands on the wire, None where nothing is sent."""
         dt = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) / NS_PER_S, 0.0), UNSEEN_S)
         self._last_ns = now_ns
-        imu = state.sources["imu"].valid and self.believe_imu
-        wheels = state.sources["wheel_speeds"].valid and self.believe_wheels
+        imu = state.sources["imu"].valid and self.judged.imu
+        wheels = state.sources["wheel_speeds"].valid and self.judged.wheels
         speed = self._speed(state, imu, wheels, dt, course, commanded)
         self._asked.append(0.0 if commanded is None else commanded.steering_motor)
         steered = self._steered_rate(state, speed, commanded)
@@ -168,8 +175,8 @@ class MotionReader:
         return self._move(state, self.motion.speed, course)
 
     def _move(self, state: VehicleState, speed: float, course: Course | None) -> Motion:
-        imu = state.sources["imu"].valid and self.believe_imu
-        wheels = state.sources["wheel_speeds"].valid and self.believe_wheels
+        imu = state.sources["imu"].valid and self.judged.imu
+        wheels = state.sources["wheel_speeds"].valid and self.judged.wheels
         inertial = (state.yaw_rate, state.ay) if imu else self._by_repair(state, speed, course)
         yaw_rate = self._without_gyro(state, speed, wheels, course) if inertial is None else inertial[0]
         force = speed * max(yaw_rate, self._steered[-1], key=abs) if inertial is None else inertial[1]
@@ -213,18 +220,19 @@ class MotionReader:
         """Yaw rate that a road-wheel angle comes to, rad/s."""
         learnt, length = self._learnt, self._vehicle.wheelbase
         understeer = learnt.braked if self._braked(state, commanded) > BRAKED else learnt.understeer
-        return speed * math.tan(steer + self.steer_zero) / max(length + understeer * speed**2, SHORTEST_SHARE * length)
+        length = max(length + understeer * speed**2, SHORTEST_SHARE * length)
+        return speed * math.tan(steer + self.judged.steer_zero) / length
 
     @property
     def _learnt(self) -> _Taught:
         """What to go by."""
-        return self._taught[0 if self.imu_wrong else -1]
+        return self._taught[0 if self.judged.imu_wrong else -1]
 
     def _learn(self, state: VehicleState, speed: float) -> None:
         """What a stop without an IMU goes by."""
-        beyond = math.tan(state.steer + self.steer_zero) - self._vehicle.wheelbase * state.yaw_rate / speed
+        beyond = math.tan(state.steer + self.judged.steer_zero) - self._vehicle.wheelbase * state.yaw_rate / speed
         self._lately.learn(beyond, state.ay)
-        if self._pressed(state) > BRAKED and not self.stopping:
+        if self._pressed(state) > BRAKED and not self.judged.stopping:
             self._under_brakes.learn(beyond, state.ay)
         self._taught.append(self._teaches())
 
@@ -274,11 +282,11 @@ class MotionReader:
     def _by_repair(self, state: VehicleState, speed: float, course: Course | None) -> tuple[float, float] | None:
         """Yaw rate (rad/s) and lateral specific force (m/s2) of an IMU that has a repair."""
         reading = state.yaw_rate if state.sources["imu"].valid else None
-        yaw_rate = self._repaired.step(self.repair, reading, None if course is None else course.turn_rate)
-        if yaw_rate is None or self.repair is None:
+        repair = self.judged.repair
+        yaw_rate = self._repaired.step(repair, reading, None if course is None else course.turn_rate)
+        if yaw_rate is None or repair is None:
             return None
-        sign = self.repair.force
-        return yaw_rate, sign * state.ay if sign else speed * yaw_rate
+        return yaw_rate, repair.force * state.ay if repair.force else speed * yaw_rate
 
     def _without_gyro(self, state: VehicleState, speed: float, wheels: bool, course: Course | None) -> float:
         if course is not None:

@@ -21,7 +21,7 @@ from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.sensors import AxleMonitor, SpeedChangeMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels, WheelMonitor
-from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
+from hil_gateway.gateway.perceive.motion import Judged, MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.observer.observer import Observer
 from hil_gateway.track.track import Track
@@ -70,10 +70,7 @@ class Monitors:
         self._reversed = ReversedMonitor(car)
         self._acceleration = AccelerationMonitor(car)
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
-        self.stopping = False
-        """whether the car is being stopped already"""
-        self.flat = False
-        """whether a tyre is reported flat: its wheel turns at another speed, and pulls to its side"""
+        self._stopping = self._flat = False
         self._steering_off = self._steering_doubted = False
         """whether the steering does not report what it is asked for: now, or since a stop began"""
         self._imu_gone, self._imu_missed = False, ConditionTime()
@@ -117,20 +114,18 @@ class Monitors:
     def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], reckoned: bool) -> None:
         """What an estimator thinks of the fixes counts while the sensors it judges them by are believed. `reckoned`:
         where the car is is known without its estimates, too."""
-        follows = reckoned and self.stopping and self.motion.motion.speed > STANDSTILL
+        follows = reckoned and self._stopping and self.motion.motion.speed > STANDSTILL
         self._estimate_gone = follows and (self._estimate_gone or not usable(estimate, now_ns))
         self.position.heed(now_ns, state, estimate, believed=not self.imu_suspect and not self.wheels_wrong)
 
-    def measures(
-        self,
-        now_ns: int,
-        state: VehicleState,
-        pose: Pose | None,
-        commanded: ActuatorPositions | None,
-        course: Course | None,
-    ) -> dict[str, float]:
+    def measures(  # noqa: PLR0917 - what there is in a period
+        self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: ActuatorPositions | None,
+        course: Course | None, stopping: bool = False, flat: bool = False,
+    ) -> dict[str, float]:  # fmt: skip
         """`commanded` is what stands on the wire, None while nothing is sent; after `motion` and `position`. `course`
-        is that of the fixes, None where they say nothing."""
+        is that of the fixes, None where they say nothing. Whether the car is being stopped already, and whether a tyre
+        is reported flat: its wheel turns at another speed, and pulls to its side."""
+        self._stopping, self._flat = stopping, flat
         self._imu.step(state, self.motion.motion.speed)
         self._miss(now_ns, state)
         speed, imu = self.motion.motion.speed, self._reports(state)
@@ -166,7 +161,7 @@ class Monitors:
         ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)
         wheels = state.sources["wheel_speeds"].valid
         both = wheels and self._reports(state)
-        compared = both and not self.flat
+        compared = both and not self._flat
         steady = self._steady.step(course)
         trusted = None if self.position.wrong and not self.imu_wrong else steady
         inertial = state.yaw_rate, ay
@@ -192,9 +187,8 @@ class Monitors:
     def _observe(self, now_ns: int, state: VehicleState, speed: float) -> tuple[float, float]:
         """Seconds that the IMU, and the wheels of both axles, have been off what all others say."""
         observer, across = self._observer, 0.0 if self._road is None else self._road.gravity_across
-        self._steering_doubted = speed > 0.0 and (self._steering_off or (self.stopping and self._steering_doubted))
-        observer.step(state, speed, across, known=not (self.flat or self._steering_doubted or self._imu_gone))
-        self.motion.steer_zero = observer.steer_zero
+        self._steering_doubted = speed > 0.0 and (self._steering_off or (self._stopping and self._steering_doubted))
+        observer.step(state, speed, across, known=not (self._flat or self._steering_doubted or self._imu_gone))
         imu_off = self._imu_off.update(observer.imu_off > 1.0, now_ns)
         if not (imu_off or self.imu_wrong):
             self._repair = None
@@ -215,7 +209,7 @@ class Monitors:
         """An IMU that is gone while the wheels go on reporting."""
         alone = state.sources["wheel_speeds"].valid and not state.sources["imu"].valid
         held_s = self._imu_missed.update(alone, now_ns)
-        self._imu_gone = self._imu_false or (self.stopping and (self._imu_gone or held_s > SILENT_S))
+        self._imu_gone = self._imu_false or (self._stopping and (self._imu_gone or held_s > SILENT_S))
 
     def _distrust(self, held_s: float, sensors: SensorMonitors) -> None:
         """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
@@ -225,15 +219,14 @@ class Monitors:
         everything, and without a gyro nothing catches it."""
         moving = self.motion.motion.speed > STANDSTILL
         self.wheels_wrong = moving and (self.wheels_wrong or (sensors.slipping and not self.imu_wrong))
-        slides = self.steering_reversed or self.flat
+        slides = self.steering_reversed or self._flat
         held_s = 0.0 if slides else held_s
         outvoted = sensors.outvoted and not slides
         held = max(sensors.imu_off, held_s if sensors.fixes else 0.0) > CONTRADICTED_S and not slides
         found = outvoted or held
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
-        self.motion.stopping = self.stopping
-        self.motion.believe_imu = not self.imu_wrong and not self._imu_gone
-        self.motion.imu_wrong = self.imu_wrong
-        self.motion.repair = self._imu.repair or self._repair
-        self.motion.believe_wheels = not self.wheels_wrong
+        self.motion.judged = Judged(
+            not self.imu_wrong and not self._imu_gone, not self.wheels_wrong, self.imu_wrong,
+            self._imu.repair or self._repair, self._observer.steer_zero, self._stopping,
+        )  # fmt: skip
         self.imu_suspect = self.imu_wrong or self._imu_gone or held_s > 0.0

@@ -14,7 +14,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.sensors import SpeedChangeMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels
-from hil_gateway.gateway.perceive.motion import WHEELS_SHARE, MotionReader, second_fastest
+from hil_gateway.gateway.perceive.motion import WHEELS_SHARE, Judged, MotionReader, second_fastest
 
 PERIOD_NS = 10_000_000
 CONFIG = Config()
@@ -118,7 +118,7 @@ def test_what_a_wrong_imu_has_taught_at_last_is_not_gone_by(wrong: bool) -> None
     bend = driving(speed, steer, sources=True)
     now_ns = run(reader, bend, 6.0, 0, rolling)
     now_ns = run(reader, bend.model_copy(update={"yaw_rate": bend.yaw_rate + 0.3}), 0.5, now_ns, rolling)
-    reader.believe_imu, reader.imu_wrong = False, wrong
+    reader.judged = Judged(imu=False, imu_wrong=wrong)
     run(reader, bend, 0.1, now_ns, rolling)
     assert (reader.motion.understeer > 0.9 * UNDERSTEER) is wrong
 
@@ -128,10 +128,10 @@ def test_without_a_gyro_the_wheels_tell_at_once_half_of_what_the_course_does_not
     """A car that begins to slide turns faster, with the steering as it was; the course of the fixes is late."""
     speed = 40.0
     reader, straight = MotionReader(load_car()), driving(speed, 0.0, sources=True)
-    reader.believe_imu, course, now_ns = False, Course(0.0, 0.0, 0.0, speed, 0.0, 0.0), 0
+    course, now_ns = Course(0.0, 0.0, 0.0, speed, 0.0, 0.0), 0
     sides = (("fl", -CAR.track_front), ("fr", CAR.track_front), ("rl", -CAR.track_rear), ("rr", CAR.track_rear))
     turning = straight.model_copy(update={f"wheel_speed_{wheel}": speed + 0.5 * 0.3 * track for wheel, track in sides})
-    reader.believe_wheels = wheels
+    reader.judged = Judged(imu=False, wheels=wheels)
     for state in [straight] * 50 + [turning] * 15:
         now_ns += PERIOD_NS
         reader.step(now_ns, state, course)
