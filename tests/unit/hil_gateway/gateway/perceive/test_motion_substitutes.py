@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from support.cars.scripted_car import Rig
@@ -31,7 +32,7 @@ def driving(speed: float, steer: float, sources: bool) -> VehicleState:
     state = rig.gateway.seen[0]
     turn = speed * math.tan(steer) / (CAR.wheelbase + UNDERSTEER * speed**2)
     rears = {f"wheel_speed_r{side}": speed + sign * 0.5 * CAR.track_rear * turn for side, sign in (("l", -1), ("r", 1))}
-    health = {name: source.model_copy(update={"valid": sources}) for name, source in state.sources.items()}
+    health = {name: replace(source, valid=sources) for name, source in state.sources.items()}
     ahead = speed * math.cos(steer) + CAR.wheelbase * turn * math.sin(steer)
     fronts = {
         f"wheel_speed_f{side}": ahead + sign * 0.5 * CAR.track_front * turn for side, sign in (("l", -1), ("r", 1))

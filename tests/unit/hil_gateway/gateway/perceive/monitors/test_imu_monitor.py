@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import pytest
 from support.cars.scripted_car import Rig
@@ -36,7 +37,7 @@ class Drive:
         draw = self._rng.gauss
         yaw_rate = turn + noise * draw(0.0, GYRO_NOISE)
         forces = {name: force + noise * draw(0.0, FORCE_NOISE) for name, force in (("ay", ay), ("ax", ax))}
-        sources = self._state.sources | {"imu": self._state.sources["imu"].model_copy(update={"age_s": age_s})}
+        sources = self._state.sources | {"imu": replace(self._state.sources["imu"], age_s=age_s)}
         self.monitor.step(self._state.model_copy(update={"yaw_rate": yaw_rate, "sources": sources, **forces}), SPEED)
         return self.monitor.found
 
