@@ -172,7 +172,7 @@ def from_places(
     where it stops without a fault."""
     injector = SimulatedFault()
     estimator = {"learn": learn, "relinearise": learn}
-    config = Config.model_validate({"track": track, "planner": {"horizon": 20}, "estimator": estimator})
+    config = Config.model_validate({"track": track, "estimator": estimator})
     loop = Loop(config, faults=injector, simulated=car)
     for until_s, drawn in places:
         while loop.elapsed_s < until_s and not loop.result.failsafes:
