@@ -1,7 +1,8 @@
 """How the car moves by its position fixes alone: course, speed and turn rate, independent of tyres, wheels and IMU.
 
 A parabola in time is fitted to the newest fixes (least squares); its end is carried on to now. With 0.02 m of noise at
-20 Hz the course at 45 m/s is right within 0.006 rad, the speed within 0.25 m/s and the turn rate within 0.03 rad/s.
+20 Hz the course at 45 m/s is right within 0.006 rad, the speed within 0.25 m/s and the turn rate within 0.03 rad/s: the
+slower the car, the less its fixes say of how it turns.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import NamedTuple
 
 from hil_gateway.gateway.perceive.duration import JITTER_S, UNSEEN_S
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
+from hil_gateway.observer.bank import GATE
 from hil_gateway.process.clock import NS_PER_S
 
 FITTED = 8
@@ -31,14 +33,20 @@ DOUBTED = 1.0 / 3.0
 
 
 class Course(NamedTuple):
-    """Place (m), direction of motion (rad), speed (m/s), turn rate (rad/s) and its growth of speed (m/s2)."""
+    """Place (m), direction of motion (rad), speed (m/s), turn rate (rad/s), what noise makes of that (rad/s, standard
+    deviation) and its growth of speed (m/s2)."""
 
     x: float
     y: float
     course: float
     speed: float
     turn_rate: float
+    turn_noise: float
     gain: float
+
+    def turn_within(self, apart: float) -> float:
+        """What the turn rate is at most off where it is right within `apart` without noise, rad/s."""
+        return math.hypot(apart, GATE * self.turn_noise)
 
 
 def apart_at_most(noise: float) -> float:
@@ -51,7 +59,7 @@ class CourseReader:
 
     def __init__(self, noise: float) -> None:
         """`noise` of a fix, m."""
-        self._across = DOUBTED * apart_at_most(noise)
+        self._noise, self._across = noise, DOUBTED * apart_at_most(noise)
         self._fixes: deque[tuple[int, complex]] = deque(maxlen=FITTED)
         """stamp and place: x + i y, m"""
         self._seq = 0
@@ -69,7 +77,7 @@ class CourseReader:
         if self._fit is None or now_ns - self._fit[1] > OLDEST_S * NS_PER_S:
             return None
         parabola, stamp_ns = self._fit
-        return parabola.course((now_ns - stamp_ns) / NS_PER_S)
+        return parabola.course((now_ns - stamp_ns) / NS_PER_S, self._noise)
 
     def _fitted(self) -> tuple[_Parabola, int] | None:
         newest_ns = self._fixes[-1][0]
@@ -89,11 +97,13 @@ class CourseReader:
 
 
 class _Parabola(NamedTuple):
-    """Place over time; x + i y of it, m, of its velocity, m/s, and of half its acceleration, m/s2."""
+    """Place over time; x + i y of it, m, of its velocity, m/s, and of half its acceleration, m/s2; what a metre of
+    noise makes of that, 1/s2."""
 
     place: complex
     velocity: complex
     half: complex
+    noisy: float
 
     @classmethod
     def fitted(cls, times: list[float], places: list[complex]) -> _Parabola:
@@ -105,19 +115,21 @@ class _Parabola(NamedTuple):
         q = [t * t - skew * t - mean for t in p]
         level = sum(places) / count
         slope = sum(t * z for t, z in zip(p, places, strict=True)) / spread
-        half = sum(t * z for t, z in zip(q, places, strict=True)) / sum(t * t for t in q)
+        bent = sum(t * t for t in q)
+        half = sum(t * z for t, z in zip(q, places, strict=True)) / bent
         place = level - slope * middle + half * (middle**2 + skew * middle - mean)
-        return cls(place, slope - half * (2.0 * middle + skew), half)
+        return cls(place, slope - half * (2.0 * middle + skew), half, 1.0 / math.sqrt(bent))
 
     def at(self, t: float) -> complex:
         """Place then."""
         return self.place + t * (self.velocity + t * self.half)
 
-    def course(self, t: float) -> Course | None:
-        """What it means then; None where it is slow."""
+    def course(self, t: float, noise: float) -> Course | None:
+        """What it means then, with so much `noise` of a fix, m; None where it is slow."""
         velocity, place = self.velocity + 2.0 * t * self.half, self.at(t)
         speed = abs(velocity)
         if speed < SLOWEST:
             return None
         gained = 2.0 * self.half * velocity.conjugate() / speed
-        return Course(place.real, place.imag, cmath.phase(velocity), speed, gained.imag / speed, gained.real)
+        turn, turn_noise = gained.imag / speed, 2.0 * noise * self.noisy / speed
+        return Course(place.real, place.imag, cmath.phase(velocity), speed, turn, turn_noise, gained.real)

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from hil_gateway.gateway.perceive.course import COURSE_WINDOW
+from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
 
 APART = 0.32
-"""rad/s from the turn rate of the fixes' course: side slip that builds up, lag of the course, noise of both"""
+"""rad/s from the turn rate of the fixes' course: side slip that builds up, lag of the course"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +40,9 @@ class RepairedGyro:
         self._rates: deque[float] = deque(maxlen=COURSE_WINDOW)
         self._refuted = False
 
-    def step(self, repair: GyroRepair | None, reading: float | None, turn_rate: float | None) -> float | None:
+    def step(self, repair: GyroRepair | None, reading: float | None, course: Course | None) -> float | None:
         """Yaw rate of a period, rad/s, None where there is none to go by. `reading` is None where nothing arrives,
-        `turn_rate` that of the fixes' course, None where they say nothing."""
+        `course` that of the fixes, None where they say nothing."""
         if repair is None or reading is None:
             self._rates.clear()
             self._refuted = self._refuted and repair is not None
@@ -50,6 +50,7 @@ class RepairedGyro:
         rate = repair.yaw_rate(reading)
         if len(self._rates) < COURSE_WINDOW:
             self._rates.append(rate)
-            judged = turn_rate is not None and len(self._rates) == COURSE_WINDOW
-            self._refuted = judged and abs(sum(self._rates) / COURSE_WINDOW - (turn_rate or 0.0)) > APART
+            if course is not None and len(self._rates) == COURSE_WINDOW:
+                off = abs(sum(self._rates) / COURSE_WINDOW - course.turn_rate)
+                self._refuted = off > course.turn_within(APART)
         return None if self._refuted else rate

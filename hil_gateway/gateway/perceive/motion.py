@@ -283,7 +283,7 @@ class MotionReader:
         """Yaw rate (rad/s) and lateral specific force (m/s2) of an IMU that has a repair."""
         reading = state.yaw_rate if state.sources["imu"].valid else None
         repair = self.judged.repair
-        yaw_rate = self._repaired.step(repair, reading, None if course is None else course.turn_rate)
+        yaw_rate = self._repaired.step(repair, reading, course)
         if yaw_rate is None or repair is None:
             return None
         return yaw_rate, repair.force * state.ay if repair.force else speed * yaw_rate

@@ -76,7 +76,7 @@ class CourseMonitor:
         gyro, force, mean = (sum(kept) / COURSE_WINDOW for kept in (self._yaw_rates, self._forces, self._others))
         turn, speed = course.turn_rate, course.speed
         self.shares = {
-            "turn": abs(gyro - turn) / APART,
+            "turn": abs(gyro - turn) / course.turn_within(APART),
             "lateral": abs(force - speed * turn) / LATERAL,
             "speed": abs(wheel_speed - speed) / (SPEED_SHARE * speed),
         }

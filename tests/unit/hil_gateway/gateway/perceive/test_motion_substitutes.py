@@ -129,7 +129,7 @@ def test_without_a_gyro_the_wheels_tell_at_once_half_of_what_the_course_does_not
     """A car that begins to slide turns faster, with the steering as it was; the course of the fixes is late."""
     speed = 40.0
     reader, straight = MotionReader(load_car()), driving(speed, 0.0, sources=True)
-    course, now_ns = Course(0.0, 0.0, 0.0, speed, 0.0, 0.0), 0
+    course, now_ns = Course(0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0), 0
     sides = (("fl", -CAR.track_front), ("fr", CAR.track_front), ("rl", -CAR.track_rear), ("rr", CAR.track_rear))
     turning = straight.model_copy(update={f"wheel_speed_{wheel}": speed + 0.5 * 0.3 * track for wheel, track in sides})
     reader.judged = Judged(imu=False, wheels=wheels)
