@@ -1,7 +1,8 @@
 """Position fixes against the way the car has gone by wheels and gyro since the last fix that agreed.
 
 A step, a receiver that repeats its last fix, a delay, noise of a lost correction service and a second sender all put
-fixes where the car cannot have gone; a ramp adds up. A drift below 12 % of the speed does not show, heading and rolling
+fixes where the car cannot have gone; a ramp adds up. Where the heading is not known, or says little yet, a fix lies no
+further on than the car has gone. A drift below 12 % of the speed does not show, heading and rolling
 radius explain it: only other receivers do (`receivers.py`).
 """
 
@@ -17,6 +18,7 @@ from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, JITTER_S, UNSE
 from hil_gateway.gateway.perceive.inbox import ESTIMATE_MAX_S
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.positions.fixes import MOVING
+from hil_gateway.gateway.perceive.road_speed import rests
 from hil_gateway.process.clock import NS_PER_S
 
 ACROSS = 0.08
@@ -44,6 +46,8 @@ class PositionMonitor:
         self._reference: tuple[float, float, float] | None = None
         """x, y, yaw carried on from the last fix that agreed; None before it"""
         self._way_m = 0.0
+        self._place: tuple[float, float] | None = None
+        """the last fix that agreed, of a car that is slow or has no heading, since which it has gone so far"""
         self._aside = self._ahead = 0.0
         """mean residual over the way since the fix before"""
         self._fix_ns: int | None = None
@@ -104,17 +108,32 @@ class PositionMonitor:
         if dt > UNSEEN_S:  # held up itself
             self._reference = None
         if pose is None or motion.speed < MOVING:
-            self._reference, self._level, self._aside, self._ahead = None, 0.0, 0.0, 0.0
+            self._reference, self._aside, self._ahead = None, 0.0, 0.0
             self.lost_s, self._fix_ns = 0.0, now_ns
             found = self.wrong, self.refused, self._drifts
             self.wrong, self.refused, self._drifts = (was and motion.speed > 0.0 for was in found)
-            self._seq = state.position_seq
+            self._creep(state, motion.speed, dt)
             return
+        self._place = None
         self._carry_on(motion, dt)
         if state.position_seq != self._seq:
             self._seq, self._fix_ns = state.position_seq, now_ns
             self._judge(state.position_x, state.position_y, motion, pose)
         self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
+
+    def _creep(self, state: VehicleState, speed: float, dt: float) -> None:
+        """A period of a car that is slow or whose heading is not known; while it stands, all fixes are right."""
+        fix, came, self._seq = (state.position_x, state.position_y), state.position_seq != self._seq, state.position_seq
+        if rests(state) or self._place is None:
+            self._place, self._way_m, self._level = fix, 0.0, 0.0
+            return
+        self._way_m += speed * dt
+        if not came:
+            return
+        agrees = math.dist(fix, self._place) <= self._tolerance + (1.0 + ALONG) * self._way_m + JITTER_S * speed
+        self._count(agrees)
+        if agrees:
+            self._place, self._way_m = fix, 0.0
 
     def _carry_on(self, motion: Motion, dt: float) -> None:
         if self._reference is None:
@@ -130,11 +149,14 @@ class PositionMonitor:
             self._reference, self._way_m = (x, y, pose.yaw), 0.0
             return
         along, across = self._offset(x, y)
-        if self._agrees(along, across, motion.speed):
-            self._level = max(self._level - 1.0 / WRONG, 0.0)
+        agrees = self._agrees(along, across, motion.speed)
+        self._count(agrees)
+        if agrees:
             self._take(along, across, pose)
-        else:
-            self._level = min(self._level + 1.0, WRONG)
+
+    def _count(self, agrees: bool) -> None:
+        """A fix that agrees with the way the car has gone, or not."""
+        self._level = max(self._level - 1.0 / WRONG, 0.0) if agrees else min(self._level + 1.0, WRONG)
         self._note(self._level >= WRONG, "they leave the way by wheels and gyro")
 
     def _offset(self, x: float, y: float) -> tuple[float, float]:

@@ -14,12 +14,15 @@ from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.motion import Motion
 
 PERIOD_S, FIX_S = 0.01, 0.05
+WHEELS = tuple(f"wheel_speed_{wheel}" for wheel in ("fl", "fr", "rl", "rr"))
 SECONDS = 10.0
 Place = Callable[[float, float], float]
 """m along a straight that the receiver says, of the time (s) and the place (m)"""
 
 
-def judged(speed: float, decelerating: float, says: Place, late_s: float = 0.0) -> PositionMonitor:
+def judged(
+    speed: float, decelerating: float, says: Place, late_s: float = 0.0, heading: bool = True
+) -> PositionMonitor:
     """A car on a straight whose wheels say the truth, a fix every 50 ms, of which every thirteenth comes late."""
     rig = Rig()
     rig.run(0.05)
@@ -27,7 +30,7 @@ def judged(speed: float, decelerating: float, says: Place, late_s: float = 0.0) 
     monitor, x, seq, coming = PositionMonitor(0.02), 0.0, state.position_seq, deque[tuple[float, float]]()
     for tick in range(round(SECONDS / PERIOD_S)):
         t = tick * PERIOD_S
-        now = max(speed - decelerating * t, 12.0)
+        now = max(speed - decelerating * t, min(speed, 12.0))
         x += now * PERIOD_S
         if tick % round(FIX_S / PERIOD_S) == 0:
             late = round(t / FIX_S) % 13 == 7
@@ -36,7 +39,8 @@ def judged(speed: float, decelerating: float, says: Place, late_s: float = 0.0) 
             seq += 1
             place = {"position_x": coming.popleft()[1], "position_y": noise.normal(0.0, 0.02)}
             state = state.model_copy(update={"position_seq": seq, **place})
-        monitor.step(round(t * 1e9), state, Motion(speed=now), Pose(x, 0.0, 0.0, now))
+        state = state.model_copy(update=dict.fromkeys(WHEELS, now))
+        monitor.step(round(t * 1e9), state, Motion(speed=now), Pose(x, 0.0, 0.0, now) if heading else None)
     return monitor
 
 
@@ -61,6 +65,17 @@ def test_fixes_where_the_car_cannot_be_are_wrong(speed: float, says: Place) -> N
     monitor = judged(speed, 0.0, says)
     assert monitor.wrong
     assert monitor.source == "they leave the way by wheels and gyro"
+
+
+@pytest.mark.parametrize("speed", [0.2, 1.4, 4.0])
+@pytest.mark.parametrize("heading", [True, False])
+def test_a_slow_car_is_where_it_can_have_gone(speed: float, heading: bool) -> None:
+    assert not judged(speed, 0.0, lambda t, x: x, 0.04, heading).wrong
+    assert judged(speed, 0.0, lambda t, x: x + 4.0 * (t > 5.0), 0.0, heading).wrong
+
+
+def test_fixes_of_a_car_that_stands_may_move() -> None:
+    assert not judged(0.0, 0.0, lambda t, x: 4.0 * (t > 5.0)).wrong
 
 
 def test_fixes_that_both_other_receivers_leave_drift() -> None:
