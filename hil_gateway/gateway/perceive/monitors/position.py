@@ -18,7 +18,7 @@ from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, JITTER_S, UNSE
 from hil_gateway.gateway.perceive.inbox import ESTIMATE_MAX_S
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.positions.fixes import MOVING
-from hil_gateway.gateway.perceive.road_speed import rests
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL, rests, road_speed
 from hil_gateway.process.clock import NS_PER_S
 
 ACROSS = 0.08
@@ -35,7 +35,7 @@ every second one is not"""
 
 
 class PositionMonitor:
-    """`suspect` from the first fix that does not fit on, `wrong` from the fourth until the car stands."""
+    """`suspect` from the first fix that does not fit on, `wrong` from the fourth until the car stands, and they fit."""
 
     def __init__(self, noise: float) -> None:
         """`noise` of a fix, m."""
@@ -110,9 +110,9 @@ class PositionMonitor:
         if pose is None or motion.speed < MOVING:
             self._reference, self._aside, self._ahead = None, 0.0, 0.0
             self.lost_s, self._fix_ns = 0.0, now_ns
-            found = self.wrong, self.refused, self._drifts
-            self.wrong, self.refused, self._drifts = (was and motion.speed > 0.0 for was in found)
             self._creep(state, motion.speed, dt)
+            if motion.speed == 0.0 or (road_speed(state) < STANDSTILL and self._level <= 0.0):
+                self.wrong = self.refused = self._drifts = False
             return
         self._place = None
         self._carry_on(motion, dt)
@@ -132,7 +132,7 @@ class PositionMonitor:
             return
         agrees = math.dist(fix, self._place) <= self._tolerance + (1.0 + ALONG) * self._way_m + JITTER_S * speed
         self._count(agrees)
-        if agrees:
+        if agrees or self._level >= WRONG:  # from where they are now they may go on with the car
             self._place, self._way_m = fix, 0.0
 
     def _carry_on(self, motion: Motion, dt: float) -> None:

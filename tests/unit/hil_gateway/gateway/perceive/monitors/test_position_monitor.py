@@ -67,11 +67,16 @@ def test_fixes_where_the_car_cannot_be_are_wrong(speed: float, says: Place) -> N
     assert monitor.source == "they leave the way by wheels and gyro"
 
 
-@pytest.mark.parametrize("speed", [0.2, 1.4, 4.0])
+@pytest.mark.parametrize("speed", [0.6, 1.4, 4.0])
 @pytest.mark.parametrize("heading", [True, False])
 def test_a_slow_car_is_where_it_can_have_gone(speed: float, heading: bool) -> None:
     assert not judged(speed, 0.0, lambda t, x: x, 0.04, heading).wrong
     assert judged(speed, 0.0, lambda t, x: x + 4.0 * (t > 5.0), 0.0, heading).wrong
+
+
+def test_fixes_that_stepped_are_believed_again_when_they_fit_a_car_that_stands() -> None:
+    """Its wheels show a little more than nothing, as they do."""
+    assert not judged(0.1, 0.0, lambda t, x: x + 4.0 * (t > 5.0)).wrong
 
 
 def test_fixes_of_a_car_that_stands_may_move() -> None:
