@@ -2,8 +2,8 @@
 
 A step, a receiver that repeats its last fix, a delay, noise of a lost correction service and a second sender all put
 fixes where the car cannot have gone; a ramp adds up. Where the heading is not known, or says little yet, a fix lies no
-further on than the car has gone. A drift below 12 % of the speed does not show, heading and rolling
-radius explain it: only other receivers do (`receivers.py`).
+further on than the car has gone. A drift below 12 % of the speed does not show, heading and rolling radius explain it:
+only other receivers do (`receivers.py`).
 """
 
 from __future__ import annotations

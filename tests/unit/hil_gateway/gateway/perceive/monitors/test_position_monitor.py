@@ -76,11 +76,13 @@ def test_a_slow_car_is_where_it_can_have_gone(speed: float, heading: bool) -> No
 
 def test_fixes_that_stepped_are_believed_again_when_they_fit_a_car_that_stands() -> None:
     """Its wheels show a little more than nothing, as they do."""
-    assert not judged(0.1, 0.0, lambda t, x: x + 4.0 * (t > 5.0)).wrong
+    monitor = judged(0.1, 0.0, lambda t, x: x + 4.0 * (t > 5.0))
+    assert monitor.source == "they leave the way by wheels and gyro"
+    assert not monitor.wrong
 
 
 def test_fixes_of_a_car_that_stands_may_move() -> None:
-    assert not judged(0.0, 0.0, lambda t, x: 4.0 * (t > 5.0)).wrong
+    assert not judged(0.0, 0.0, lambda t, x: 4.0 * (t > 5.0)).source
 
 
 def test_fixes_that_both_other_receivers_leave_drift() -> None:
