@@ -202,7 +202,7 @@ class Gateway:
         course = self._course.step(now_ns, self.builder.fixes)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
         motion = monitors.motion.step(then_ns, state, course if fixes_fitted else None, commanded)
-        monitors.position.step(then_ns, state, motion, self._dead_reckoning.pose)
+        monitors.position.step(then_ns, state, motion, self._dead_reckoning.pose, rolls=not before.stopping)
         learns = not monitors.position.wrong
         outvoted_s = self._receivers.step(now_ns, self.builder, learns)
         estimate = self.inbox.read_estimate(now_ns)

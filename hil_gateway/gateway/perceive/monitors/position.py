@@ -101,8 +101,9 @@ class PositionMonitor:
         self.refused = self.refused or refuses
         self._estimated = settled and estimate.valid(now_ns)
 
-    def step(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:
-        """Judge the fix of this period, if one came; `pose` gives the heading to begin with."""
+    def step(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None, *, rolls: bool) -> None:
+        """Judge the fix of this period, if one came; `pose` gives the heading to begin with. `rolls`: in no stop,
+        under whose brakes wheels lock and do not tell how far a slow car has gone."""
         dt = 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NS_PER_S
         self._last_ns = now_ns
         if dt > UNSEEN_S:  # held up itself
@@ -110,8 +111,8 @@ class PositionMonitor:
         if pose is None or motion.speed < MOVING:
             self._reference, self._aside, self._ahead = None, 0.0, 0.0
             self.lost_s, self._fix_ns = 0.0, now_ns
-            self._creep(state, motion.speed, dt)
-            if motion.speed == 0.0 or (road_speed(state) < STANDSTILL and self._level <= 0.0):
+            self._creep(state, motion.speed, dt, rolls)
+            if motion.speed == 0.0 or (rolls and road_speed(state) < STANDSTILL and self._level <= 0.0):
                 self.wrong = self.refused = self._drifts = False
             return
         self._place = None
@@ -121,10 +122,10 @@ class PositionMonitor:
             self._judge(state.position_x, state.position_y, motion, pose)
         self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
 
-    def _creep(self, state: VehicleState, speed: float, dt: float) -> None:
+    def _creep(self, state: VehicleState, speed: float, dt: float, rolls: bool) -> None:
         """A period of a car that is slow or whose heading is not known; while it stands, all fixes are right."""
         fix, came, self._seq = (state.position_x, state.position_y), state.position_seq != self._seq, state.position_seq
-        if rests(state) or self._place is None:
+        if rests(state) or not rolls or self._place is None:
             self._place, self._way_m, self._level = fix, 0.0, 0.0
             return
         self._way_m += speed * dt

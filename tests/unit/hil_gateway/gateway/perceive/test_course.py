@@ -183,7 +183,7 @@ def test_fixes_that_scatter_are_wrong_within_0_8_s(noise, wrong):
             x, y = SPEED * 0.01 * tick, spread * rng.standard_normal()
             fixes.take(x, y, tick * TICK_NS)
         told = state.model_copy(update={"position_x": fixes.x, "position_y": fixes.y, "position_seq": fixes.seq})
-        monitor.step(tick * TICK_NS, told, Motion(SPEED), Pose(fixes.x, 0.0, 0.0, SPEED))
+        monitor.step(tick * TICK_NS, told, Motion(SPEED), Pose(fixes.x, 0.0, 0.0, SPEED), rolls=True)
     assert monitor.wrong == wrong
 
 
@@ -194,5 +194,5 @@ def test_one_wild_fix_is_forgiven():
         if tick % 5 == 3:
             fixes.take(SPEED * 0.01 * tick, 3.0 if tick == 63 else 0.0, tick * TICK_NS)
         told = state.model_copy(update={"position_x": fixes.x, "position_y": fixes.y, "position_seq": fixes.seq})
-        monitor.step(tick * TICK_NS, told, Motion(SPEED), Pose(fixes.x, 0.0, 0.0, SPEED))
+        monitor.step(tick * TICK_NS, told, Motion(SPEED), Pose(fixes.x, 0.0, 0.0, SPEED), rolls=True)
     assert not monitor.wrong

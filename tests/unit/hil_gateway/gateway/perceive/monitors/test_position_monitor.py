@@ -21,9 +21,11 @@ Place = Callable[[float, float], float]
 
 
 def judged(
-    speed: float, decelerating: float, says: Place, late_s: float = 0.0, heading: bool = True
-) -> PositionMonitor:
-    """A car on a straight whose wheels say the truth, a fix every 50 ms, of which every thirteenth comes late."""
+    speed: float, decelerating: float, says: Place, late_s: float = 0.0, heading: bool = True,
+    *, rolling: float = 1.0, stopping: bool = False,
+) -> PositionMonitor:  # fmt: skip
+    """A car on a straight whose wheels go with `rolling` of its speed, a fix every 50 ms, of which every thirteenth is
+    late."""
     rig = Rig()
     rig.run(0.05)
     state, noise = rig.gateway.seen[0], np.random.default_rng(5)
@@ -39,8 +41,9 @@ def judged(
             seq += 1
             place = {"position_x": coming.popleft()[1], "position_y": noise.normal(0.0, 0.02)}
             state = state.model_copy(update={"position_seq": seq, **place})
-        state = state.model_copy(update=dict.fromkeys(WHEELS, now))
-        monitor.step(round(t * 1e9), state, Motion(speed=now), Pose(x, 0.0, 0.0, now) if heading else None)
+        wheels, pose = rolling * now, Pose(x, 0.0, 0.0, now) if heading else None
+        state = state.model_copy(update=dict.fromkeys(WHEELS, wheels))
+        monitor.step(round(t * 1e9), state, Motion(speed=wheels), pose, rolls=not stopping)
     return monitor
 
 
@@ -79,6 +82,12 @@ def test_fixes_that_stepped_are_believed_again_when_they_fit_a_car_that_stands()
     monitor = judged(0.1, 0.0, lambda t, x: x + 4.0 * (t > 5.0))
     assert monitor.source == "they leave the way by wheels and gyro"
     assert not monitor.wrong
+
+
+def test_wheels_that_lock_in_a_stop_are_no_witness_against_the_fixes() -> None:
+    slides = 20.0
+    assert judged(slides, 0.0, lambda t, x: x, rolling=0.2).source
+    assert not judged(slides, 0.0, lambda t, x: x, rolling=0.2, stopping=True).source
 
 
 def test_fixes_of_a_car_that_stands_may_move() -> None:
