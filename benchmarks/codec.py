@@ -1,6 +1,6 @@
 """Codec against cantools on the same frames in the same run: decode at least 3 times, strict encode 5 times as fast.
 
-python benchmarks/codec.py [--json]
+python -m benchmarks.codec [--json]
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The live page over a long time: processor of the server, and memory of server and browser.
 
-    PYTHONPATH=tests python benchmarks/dashboard.py SESSION [--seconds 1800] [--json]
+    PYTHONPATH=tests python -m benchmarks.dashboard SESSION [--seconds 1800] [--json]
 
 A recorded session of two laps or more is played back on Zenoh in real time, again and again; `hil dashboard` shows it
 and Chromium keeps the page open. Asked: at most 5 % of a core, and memory that does not grow.

@@ -1,6 +1,6 @@
 """The gateway's receive path under load: a full 1 Mbit/s bus (8,000 frames/s), and four of them at once.
 
-    python benchmarks/gateway.py [--seconds S] [--json]
+    python -m benchmarks.gateway [--seconds S] [--json]
 
 A separate process sends the messages of the car, paced; the gateway side wakes every 10 ms, receives from each bus,
 decodes and keeps the vehicle state, as the gateway process does. In the same run python-can with cantools does

@@ -1,6 +1,6 @@
 """Full nonlinear fit of 180,000 samples against scipy's least_squares on the same model, in one run.
 
-The peer is the same residual in vectorised numpy with numerical derivatives. Run: python benchmarks/identify.py
+The peer is the same residual in vectorised numpy with numerical derivatives. Run: python -m benchmarks.identify
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Speed of the whole loop in one process against real time, and which component takes it.
 
-    python benchmarks/loop.py [--track FILE] [--seconds S] [--json]
+    python -m benchmarks.loop [--track FILE] [--seconds S] [--json]
 
 CPU time of this process, so that what else the machine does does not count; the first seconds (compilers, standing
 start) are left out.

@@ -1,8 +1,8 @@
 """Planner: solvers side by side on recorded steps, the time of a whole plan, the optimality gap of one SQP iteration.
 
-python benchmarks/planner.py [--steps N] [--record FILE | --recorded FILE] [--json]
-python benchmarks/planner.py --disturbed N [--steps N]: how many of N recorded and disturbed QPs are solved
-python benchmarks/planner.py --plan: only the time of a whole plan and of its parts, of a drive given to it again
+python -m benchmarks.planner [--steps N] [--record FILE | --recorded FILE] [--json]
+python -m benchmarks.planner --disturbed N [--steps N]: how many of N recorded and disturbed QPs are solved
+python -m benchmarks.planner --plan: only the time of a whole plan and of its parts, of a drive given to it again
 
 Every solver is given the same steps of one closed-loop drive, in turn; the slow ones every twentieth. The peer is HPIPM
 of the CasADi wheel, its stage functions compiled one stage at a time. The peer of the gap is the same drive with

@@ -1,6 +1,6 @@
 """How often the 95 % intervals of `hil identify` contain the truth, over simulated logs with random tyres.
 
-Run: python benchmarks/diagnosis/identify_coverage.py [LOGS]. Prints one JSON object; takes about 2 s of CPU a log.
+Run: python -m benchmarks.diagnosis.identify_coverage [LOGS]. Prints one JSON object; takes about 2 s of CPU a log.
 """
 
 from __future__ import annotations
