@@ -143,6 +143,12 @@ class Monitor:
         """Newest recorder status."""
         return self._recorder.latest.message
 
+    def speaking(self, now_ns: int) -> set[str]:
+        """Processes of the loop whose messages are fresh."""
+        alive = {key for key, (_, alive) in self.ages_s(now_ns).items() if alive}
+        alive |= {RECORDER_STATUS.key} if self._recorder.latest.alive(now_ns) else set()
+        return {topic.publisher for topic in (GATEWAY_STATUS, ESTIMATE, PLAN, RECORDER_STATUS) if topic.key in alive}
+
     def ages_s(self, now_ns: int) -> dict[str, tuple[float, bool]]:
         """Topic -> (age in s, still within its deadline)."""
         ages = {key: (r.latest.age_s(now_ns), r.latest.alive(now_ns)) for key, r in self._readers.items()}

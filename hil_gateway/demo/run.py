@@ -165,13 +165,15 @@ class Run:
             self._supervisor.ask_to_end("gateway")
             if not self.result.referee.standing:
                 self._tell("the gateway stops the car and ends; again, and all end at once")
+            if others := sorted(self.result.monitor.speaking(now_ns) - set(self._supervisor.pids)):
+                self._tell(f"started by hand, and to be ended by hand: {', '.join(others)}")
         waits = "gateway" in self._supervisor.pids and now_ns - self._interrupted_ns < STOP_S * NS_PER_S
         return None if waits and self._stopping.count == 1 else Ending.INTERRUPTED
 
     def _given_up(self, ending: Ending) -> Ending:
         """The ending, with its cause told."""
         status, plan = self.result.monitor.status, self.result.monitor.plan
-        causes = before_arming(status) if status and status.missing_for_arming else ""
+        causes = before_arming(status, self._supervisor.pids) if status and status.missing_for_arming else ""
         planned = plan.reason if plan and plan.reason else ""
         self._tell(f"{ending.value}: {causes or planned or 'no process says why'}")
         return ending
@@ -215,6 +217,7 @@ class Run:
             cpu_share=self._cpu.share(),
             alive=self._supervisor.pids,
             heading=f"{self._setup.track_name} on {self._setup.bus}",
+            ending=self._interrupted_ns is not None,
         )
 
 

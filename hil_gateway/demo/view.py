@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -19,6 +19,7 @@ from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.referee import DriveReferee
 from hil_gateway.gateway.check.arming import EXPLANATION
+from hil_gateway.gateway.decide.failsafe import ROWS
 from hil_gateway.process.figures import figure
 from hil_gateway.track.track import Track
 
@@ -54,6 +55,14 @@ class Scene:
     cpu_share: Mapping[str, float]
     alive: Mapping[str, int]
     heading: str
+    ending: bool = False
+    """the gateway was asked to end: nothing is asked of a person any more"""
+
+    @property
+    def asks(self) -> bool:
+        """Whether a person is told what is missing before the car drives."""
+        status = self.monitor.status
+        return status is not None and status.action is not FailsafeAction.DRIVE and not self.ending
 
     @property
     def gateway_lost(self) -> str:
@@ -167,19 +176,23 @@ def _headline(scene: Scene) -> RenderableType:
         return Text(f" {scene.gateway_lost} ", style="bold reverse red")
     text = Text(f" {status.action.value.upper()} ", style=f"bold reverse {COLOURS[status.action]}")
     text.append(f"  {status.cause}" if status.cause else "", style="reset")
-    if status.action is not FailsafeAction.DRIVE:
-        text.append(f"  {before_arming(status)}", style="reset yellow")
+    text.append(f"  {before_arming(status, scene.alive)}" if scene.asks else "", style="reset yellow")
     return text
 
 
-def before_arming(status: GatewayStatus) -> str:
-    """What is still needed, in words: the first, and how many more."""
+def before_arming(status: GatewayStatus, running: Container[str]) -> str:
+    """What is still needed, in words: the first, and how many more; no process of those `running` is to be started."""
     missing = status.missing_for_arming
     if not missing:
         return "ready: `hil gateway arm`"
     more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
     awaited = "not armed yet" if status.action is FailsafeAction.SILENT else "before it drives again"
-    return f"{awaited}: {status.advice.get(missing[0]) or EXPLANATION.get(missing[0], missing[0])}{more}"
+    return f"{awaited}: {status.advice.get(missing[0]) or _explained(missing[0], running)}{more}"
+
+
+def _explained(cause: str, running: Container[str]) -> str:
+    row = ROWS.get(cause)
+    return row.meaning if row is not None and row.awaits in running else EXPLANATION.get(cause, cause)
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -258,8 +271,8 @@ def line(scene: Scene) -> str:
     parts.append(status.action.value if status else "waiting for the gateway")
     if status and status.cause:
         parts.append(f"({status.cause})")
-    if status and status.action is not FailsafeAction.DRIVE:
-        parts.append(before_arming(status))
+    if status and scene.asks:
+        parts.append(before_arming(status, scene.alive))
     if estimate and scene.monitor.ages_s(scene.now_ns)[ESTIMATE.key][1]:
         parts.append(f"{estimate.vx:z5.1f} m/s, steering {math.degrees(estimate.steer):+5.1f} deg")
     if plan:

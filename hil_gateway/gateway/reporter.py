@@ -11,7 +11,7 @@ from hil_gateway.bus.topics import GATEWAY_STATUS
 from hil_gateway.can_link import CanLink
 from hil_gateway.gateway.act.actor import Actor
 from hil_gateway.gateway.decide.decision import Decision, Situation
-from hil_gateway.gateway.decide.failsafe import IN_EMERGENCY
+from hil_gateway.gateway.decide.failsafe import IN_EMERGENCY, TABLE
 from hil_gateway.gateway.decide.race_control import missing_for_crank
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
@@ -74,7 +74,7 @@ class Reporter:
         self._due_ns = situation.now_ns + GATEWAY_STATUS.period_ns
         self._seq += 1
         counts, stats = builder.counts, link.stats()
-        missing = decision.failsafe.missing(situation.conditions)
+        missing, unready = decision.failsafe.missing(situation.conditions), situation.conditions.unready
         before_crank = self._missing_for_crank(situation, decision)
         remedies = {IN_EMERGENCY: "`hil gateway disarm`, then crank"}
         remedies |= {} if before_crank else {"car_not_driving": "the engine is off: `hil gateway crank`"}
@@ -87,7 +87,7 @@ class Reporter:
             action=decision.action,
             cause=decision.cause,
             missing_for_arming=missing,
-            advice={**situation.conditions.unready, **remedies, **compiles} if missing else {},
+            advice={**_of_who_speaks(situation, inbox), **unready, **remedies, **compiles} if missing else {},
             missing_for_crank=before_crank,
             holding=decision.holding,
             bus=link.kind,
@@ -110,6 +110,14 @@ class Reporter:
         if self._mode != "armed":
             return ("mode_without_crank",)
         return missing_for_crank(decision.race_control.ct_state, situation.ladder)
+
+
+def _of_who_speaks(situation: Situation, inbox: Inbox) -> dict[str, str]:
+    """Cause -> what is missing, without the remedy to start a process that speaks; with what its plans say of it."""
+    waits = situation.conditions.unready.get("plan_standing", "")
+    speak = {"estimator": ""} if inbox.estimate.alive(situation.now_ns) else {}
+    speak |= {"planner": f": {waits}" if waits else ""} if inbox.plan.alive(situation.now_ns) else {}
+    return {row.cause: row.meaning + speak[row.awaits] for row in TABLE if row.awaits in speak}
 
 
 class Rolling:

@@ -1,6 +1,6 @@
-"""Who was held up, for how long, and whether the computer was too busy: what a stop for lateness has to say.
+"""Who was late, for how long, and whether the computer was too busy: what a stop for lateness has to say.
 
-The gateway sees when each link of the loop last spoke.
+The gateway sees when each link of the loop last spoke, and not whether one that is silent runs.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def who_was_late(cause: str, measures: Mapping[str, float]) -> str:
         return ""
     late = [(link, measures.get(link.measure, 0.0)) for link in CHAIN]
     return ", ".join(
-        f"{link.process} held up: {link.missing} for {figure(1e3 * held_s, 'ms', 3)}"
+        f"{link.process} late: {link.missing} for {figure(1e3 * held_s, 'ms', 3)}"
         for link, held_s in late
         if link.usual_s < held_s < float("inf")
     )
@@ -91,7 +91,7 @@ class Load:
         """What would help."""
         if max(self.average, self.ready) <= self.processors:
             return "the computer is not busy: see the log of that process"
-        return "end other programs, or permit real-time priority (`hil doctor` says how)"
+        return "if it runs, end other programs, or permit real-time priority (`hil doctor` says how)"
 
 
 def read_load() -> Load:

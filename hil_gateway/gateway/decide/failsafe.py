@@ -48,11 +48,14 @@ class Row:
     while_silent: WhileSilent = WhileSilent.NOTHING
     remedy: str = ""
     """what a person does about it, where the meaning does not say"""
+    awaits: str = ""
+    """process that is missing: to start it is the remedy"""
 
     @property
     def explanation(self) -> str:
         """Meaning and remedy."""
-        return f"{self.meaning}: {self.remedy}" if self.remedy else self.meaning
+        remedy = f"`hil {self.awaits} run`" if self.awaits else self.remedy
+        return f"{self.meaning}: {remedy}" if remedy else self.meaning
 
     def fires(self, measures: Mapping[str, float]) -> bool:
         """Whether its measure has held for long enough or is missing; not-a-number fires."""
@@ -117,7 +120,7 @@ TABLE: tuple[Row, ...] = (
         0.5,
         _EMERGENCY,
         Clear.REARM,
-        remedy="`hil planner run`",
+        awaits="planner",
     ),
     Row("can_silent", "the car sends nothing", "can_silence", 0.1, _EMERGENCY, Clear.DISARM),
     Row("steering_stuck", "the steering does not follow its command", "steering_stuck", 0.1, _EMERGENCY, Clear.DISARM),
@@ -138,8 +141,16 @@ TABLE: tuple[Row, ...] = (
         Clear.DISARM,
     ),
     Row("operator_stop", "a stop was asked for", "operator_stop", 0.0, _STOP, Clear.REARM),
-    Row("gateway_ending", "the gateway is to end while the car moves", "gateway_ending", 0.0, _STOP, Clear.REARM),
-    Row("command_stale", "no fresh planner command", COMMAND_AGE, 0.1, _STOP, Clear.REARM, remedy="`hil planner run`"),
+    Row(
+        "gateway_ending",
+        "the gateway is to end while the car moves",
+        "gateway_ending",
+        0.0,
+        _STOP,
+        Clear.REARM,
+        awaits="gateway",
+    ),
+    Row("command_stale", "no fresh planner command", COMMAND_AGE, 0.1, _STOP, Clear.REARM, awaits="planner"),
     Row(
         "state_invalid",
         "a report needed for driving is missing or implausible",
@@ -155,7 +166,7 @@ TABLE: tuple[Row, ...] = (
         0.05,
         _STOP,
         Clear.REARM,
-        remedy="`hil estimator run`",
+        awaits="estimator",
     ),
     Row(
         "heading_unknown",

@@ -264,6 +264,42 @@ def test_plain_line_says_what_a_stopped_car_waits_for_and_no_speed_of_an_estimat
     assert "m/s" not in line(Scene(1000 * MS, 1.5, monitor, DriveReferee(bus), {}, {"gateway": 1}, "track on bus"))
 
 
+@pytest.mark.parametrize(("running", "said"), [({}, ": `hil estimator run`"), ({"estimator": 7}, "")])
+def test_what_runs_already_is_not_to_be_started(running: dict[str, int], said: str) -> None:
+    """The estimator of a demo is on its way for some seconds."""
+    bus = LocalBus()
+    monitor = Monitor(bus)
+    bus.publish(GATEWAY_STATUS, status(missing=("estimate_invalid",)))
+    monitor.update(0, driving=False)
+    shown = line(Scene(0, 1.5, monitor, DriveReferee(bus), {}, running, "track on bus"))
+    assert shown.endswith(f"not armed yet: no valid estimate{said}")
+
+
+def test_nothing_is_asked_for_once_the_gateway_is_ending() -> None:
+    bus = LocalBus()
+    monitor = Monitor(bus)
+    bus.publish(GATEWAY_STATUS, status("controlled_stop", ("gateway_ending",), "gateway_ending"))
+    monitor.update(0, driving=True)
+    scene = Scene(0, 1.5, monitor, DriveReferee(bus), {}, {"gateway": 1}, "track on bus", ending=True)
+    console = Console(width=150, height=40, file=io.StringIO(), record=True)
+    view = LiveView(load_track("oval"), console)
+    view.close()
+    console.print(view.page(scene))
+    for shown in (line(scene), console.export_text()):
+        assert "gateway_ending" in shown and "before it drives again" not in shown
+
+
+def test_who_speaks_of_the_loop_is_known() -> None:
+    bus = LocalBus()
+    monitor = Monitor(bus)
+    bus.publish(GATEWAY_STATUS, status())
+    bus.publish(ESTIMATE, estimate(0))
+    bus.publish(PLAN, plan(m.PlanStatus.SOLVED))
+    monitor.update(0, driving=False)
+    assert monitor.speaking(0) == {"gateway", "estimator", "planner"}
+    assert monitor.speaking(300 * MS) == {"gateway"}
+
+
 @pytest.mark.parametrize(
     ("alive", "said"), [({}, "the gateway has ended"), ({"gateway": 1}, "no word of the gateway for 3.0 s")]
 )

@@ -11,6 +11,7 @@ from support.promise_figures import record_figure
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand, PlanStatus
 from hil_gateway.config import Config
+from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.process.clock import SystemClock
 from planner.process import announced
 
@@ -249,6 +250,23 @@ def test_who_is_silent_first_is_named_first_and_an_estimate_that_is_gone_asks_fo
     rig.aside = 2.0
     rig.run(0.2)
     assert rig.status.missing_for_arming == ("estimate_invalid", "command_dead", "command_stale")
+
+
+def test_a_process_that_speaks_is_not_to_be_started() -> None:
+    """A planner without an estimate plans and does not command: what is missing is what its plans name."""
+    rig = Rig()
+    rig.estimate_valid = rig.planner_runs = False
+    rig.plan_changes = {"status": PlanStatus.SHIFTED, "reason": "no valid estimate"}
+    rig.hooks.append(lambda rig: rig.bus.publish(topics.PLAN, rig.plan(rig.now_ns)))
+    rig.run(1.5)
+    assert {"estimate_invalid", "command_dead"} <= set(rig.status.missing_for_arming)
+    assert rig.status.advice["estimate_invalid"] == "no valid estimate"
+    assert rig.status.advice["command_dead"] == "no planner sends commands: no valid estimate"
+    rig.estimator_runs = False
+    rig.hooks.clear()
+    rig.run(1.0)
+    assert not {"estimate_invalid", "command_dead"} & set(rig.status.advice)
+    assert EXPLANATION["command_dead"] == "no planner sends commands: `hil planner run`"
 
 
 def test_a_planner_that_compiles_is_not_called_missing() -> None:

@@ -43,7 +43,7 @@ def test_a_stop_is_logged_with_its_first_and_its_last_cause_what_was_measured_an
     for event, limit in ((first, 0.1), (last, 0.5)):
         assert event.limit == limit and event.unit == "s" and event.severity is Severity.STOP
         assert event.measured is not None and limit <= event.measured < limit + 0.02
-    assert "planner held up" in first.text
+    assert "planner late" in first.text
 
 
 def test_an_emergency_while_silent_is_logged_as_a_stop_with_its_cause():
