@@ -83,7 +83,8 @@ def _print(rows: list[dict[str, Any]], as_json: bool) -> None:
         print_json({"settings": rows})
         return
     for row in rows:
-        changed = "" if row["origin"] == DEFAULT_ORIGIN else f" (default {row['default']}; {row['origin']})"
+        default = "" if row["value"] == row["default"] else f"default {row['default']}; "
+        changed = "" if row["origin"] == DEFAULT_ORIGIN else f" ({default}{row['origin']})"
         about = "; ".join(filter(None, (row["range"], row["meaning"])))
         print(f"{row['key']} = {row['value']}{changed}{f'   # {about}' if about else ''}")
     if not rows:

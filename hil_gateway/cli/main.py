@@ -208,7 +208,7 @@ def _say_full() -> int:
 
 def _explain_usage(error: Any) -> str:
     """One line, or the help of a group that was called without a command."""
-    text = str(error.format_message()).strip()
+    text = str(error.format_message()).strip().replace("Value error, ", "")  # pydantic's
     command = error.ctx.command_path if error.ctx else "hil"
     if "\n" in text:
         return text

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from hil_gateway.process.errors import InputError
-from hil_gateway.process.figures import figure, print_json
+from hil_gateway.process.figures import lap_time, print_json
 
 LOOPBACK = "127.0.0.1"
 AsJson = Annotated[bool, typer.Option("--json", help="one JSON object on standard output")]
@@ -100,8 +100,8 @@ def list_(
 def _facts(row: dict[str, Any]) -> str:
     if reason := row.get("unreadable"):
         return f"not readable: {reason}"
-    stops = f"{len(row['stops'])} stops ({', '.join(dict.fromkeys(row['stops']))})" if row["stops"] else "no stop"
+    stops = f"stops: {len(row['stops'])} ({', '.join(dict.fromkeys(row['stops']))})" if row["stops"] else "no stop"
     effects = f"; effects {', '.join(row['effects'])}" if row["effects"] else ""
     suspected = f"; suspected {', '.join(row['suspected'])}" if row["suspected"] else ""
-    best = figure(row["best_lap_s"], "s", 5)
+    best = lap_time(row["best_lap_s"])
     return f"{Path(row['track']).stem:14}  {row['laps']:4d}  {best:>9}  {stops}{effects}{suspected}"

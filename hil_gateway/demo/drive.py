@@ -30,8 +30,6 @@ def drive(options: DemoOptions) -> dict[str, Any]:
     """
     setup = prepare(options)
     say(f"CAN bus: {setup.bus}; session: {setup.session}")
-    if options.dashboard:
-        say(f"dashboard: http://{setup.config.dashboard.host}:{setup.config.dashboard.port}/")
     with setup.lock:
         result = _run(options, setup)
         # who interrupts does not want to wait
@@ -56,6 +54,8 @@ def _run(options: DemoOptions, setup: DemoSetup) -> RunResult:
     asked = ((DASHBOARD, options.dashboard), (LEARNER, options.learner), (RECEIVER, bool(setup.config.receivers)))
     further = [spec for spec, wanted in asked if wanted]
     specs = [_with_arguments(spec, options, setup) for spec in (*PROCESSES, *further)]
+    if options.dashboard:
+        say(f"dashboard: http://{setup.config.dashboard.host}:{setup.config.dashboard.port}/")
     view = _view(options, setup)
     with contextlib.closing(view), Supervisor(setup.config_file, setup.folder / "logs", specs) as supervisor:
         supervisor.start(stage=0)
@@ -77,7 +77,7 @@ def _with_arguments(spec: ProcessSpec, options: DemoOptions, setup: DemoSetup) -
 
 def _limit_s(setup: DemoSetup) -> float | None:
     """The least lap time of the simulated car, by the plant's equations; None where it cannot be found."""
-    say("the simulated car's own limit on this track")
+    say("computing the least lap time of the simulated car; of a new car or track it takes half a minute")
     parameters = setup.car.parameters() if setup.car else plant_parameters(setup.config.plant)
     try:
         return lap_limit(parameters, load_track(setup.config.track)).limit_s

@@ -28,6 +28,11 @@ EXACT = 15
 """digits an integer is written with in full"""
 
 
+def lap_time(seconds: float | None) -> str:
+    """A lap by the estimate, which times it to 0.01 s."""
+    return "-" if seconds is None else f"{seconds:.2f} s"
+
+
 def figure(value: Any, unit: str = "", digits: int = DIGITS) -> str:
     """One value for people: 54.120000000000005 -> '54.12 s'; a list of them has its unit once; '-' where there is none.
 

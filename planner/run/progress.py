@@ -76,7 +76,7 @@ class Progress:
                 self._start(plan, s)
                 return True
         elif request.action is RunAction.ABORT and self.phase is RunPhase.NONE:
-            self.said = "none to give up; `hil gateway stop` stops the car"
+            self.said = "what a planner before this one began is given up; `hil gateway stop` stops the car"
         elif not under_way:
             self.refused = "no run is under way"
         elif request.action is RunAction.IN:

@@ -10,7 +10,7 @@ from typing import Any
 
 from hil_gateway.dashboard.look import look
 from hil_gateway.dashboard.server import FOLDER as PAGE
-from hil_gateway.process.figures import figure
+from hil_gateway.process.figures import figure, lap_time
 from hil_gateway.session.overview.info import marked, note_words
 
 LAYOUT = """main { display: block; max-width: 84rem; margin: 0 auto; }
@@ -50,7 +50,7 @@ def _overview(sessions: list[dict[str, Any]]) -> str:
         stops = ", ".join(dict.fromkeys(stop["cause"] for stop in s["stops"])) or "none"
         rows.append((
             str(s["number"]), s["file"], _clock(s, 0.0), figure(s["duration_s"], "s", 4), str(len(s["laps"])),
-            _lap(s["best_lap_s"]) + (" (best of the day)" if s["best_lap_s"] == best and best else ""),
+            lap_time(s["best_lap_s"]) + (" (best of the day)" if s["best_lap_s"] == best and best else ""),
             figure(s["km"], "km", 3), stops, ", ".join(s["effects"]) or "none",
         ))  # fmt: skip
     names = ("session", "recording", "began", "recorded", "laps", "best lap", "driven", "stops", "effects in the model")
@@ -72,10 +72,10 @@ def _sectors(sessions: list[dict[str, Any]]) -> str:
             continue
         times = [[(sector, f"{s}.{n}") for sector in lap["sectors_s"]] for s, n, lap in laps]
         fastest = [min(sector) for sector in zip(*times, strict=True)]
-        rows = [(f"sector {i}", _lap(time), lap) for i, (time, lap) in enumerate(fastest, start=1)]
+        rows = [(f"sector {i}", lap_time(time), lap) for i, (time, lap) in enumerate(fastest, start=1)]
         ideal = sum(time for time, _ in fastest)
         out.append(
-            section(f"Best sectors, {track}", table(("", "time", "lap"), [*rows, ("together", _lap(ideal), "")]))
+            section(f"Best sectors, {track}", table(("", "time", "lap"), [*rows, ("together", lap_time(ideal), "")]))
         )
     return "".join(out)
 
@@ -143,7 +143,7 @@ def _laps(s: dict[str, Any]) -> list[Row]:
         run = str(lap["run"] or "")
         mark = marked(lap).removeprefix(", ") or best
         rows.append(
-            (f"{s['number']}.{n}", _clock(s, lap["start_s"]), _lap(lap["time_s"]), sectors, run, lap["tyres"], mark)
+            (f"{s['number']}.{n}", _clock(s, lap["start_s"]), lap_time(lap["time_s"]), sectors, run, lap["tyres"], mark)
         )
     return rows
 
@@ -228,10 +228,6 @@ def section(title: str, content: str, big: bool = False) -> str:
 
 def text(value: str) -> str:
     return html.escape(value)
-
-
-def _lap(time_s: float | None) -> str:
-    return figure(time_s, "s", 5)
 
 
 def _at(s: dict[str, Any], t_s: float) -> dt.datetime:

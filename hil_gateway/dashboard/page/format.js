@@ -15,6 +15,8 @@ export function lapTime(seconds) {
 
 export const signed = (value, digits, unit) => (known(value) ? `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(digits)} ${unit}` : "–");
 
+export const lapGap = (seconds) => (known(seconds) ? `${seconds < 0 ? "−" : "+"}${lapTime(Math.abs(seconds))}` : "–");
+
 export function row(cells, classes = [], name = "") {
   const tr = document.createElement("tr");
   tr.className = name;

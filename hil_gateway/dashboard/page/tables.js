@@ -1,5 +1,5 @@
 // Everything on the page that is words and figures.
-import { byId, fill, fixed, item, known, lapTime, row, shape, short, signed, words } from "./format.js";
+import { byId, fill, fixed, item, known, lapGap, lapTime, row, shape, short, signed, words } from "./format.js";
 
 export function drawFigures({ row: now, place, lap, messages, ages }, limit_s) {
   const set = (id, text, fresh) => {
@@ -13,7 +13,7 @@ export function drawFigures({ row: now, place, lap, messages, ages }, limit_s) {
   set("lateral", place ? `${place.lateral_m < 0 ? "R" : "L"} ${Math.abs(place.lateral_m).toFixed(1)} m` : "–", estimate);
   set("lap", String(lap.number), estimate);
   set("laptime", lapTime(lap.current_s), estimate);
-  set("delta", signed(lap.delta_s, 2, "s"), estimate);
+  set("delta", lapGap(lap.delta_s), estimate);
   set("best", lapTime(lap.best_s), true);
   byId("overlimit").hidden = !limit_s;
   if (limit_s) set("ratio", ratio(lap.best_s, limit_s), true);
@@ -105,7 +105,7 @@ const ratio = (time_s, limit_s) => (known(time_s) ? (time_s / limit_s).toFixed(3
 export function drawLaps(laps, limit_s) {
   byId("lapratio").hidden = !limit_s;
   const best = Math.min(...laps.filter((lap) => !lap.marks.length).map((lap) => lap.time_s));
-  const gap = (time_s) => (Number.isFinite(best) ? signed(time_s - best, 2, "s") : "–");
+  const gap = (time_s) => (Number.isFinite(best) ? lapGap(time_s - best) : "–");
   fill("laps", laps.map((lap, i) => row(
     [[i + 1, ...lap.marks].join(" "), lapTime(lap.time_s), lap.sectors_s.map((s) => s.toFixed(2)).join("  "), lap.time_s === best ? "best" : gap(lap.time_s), ...(limit_s ? [ratio(lap.time_s, limit_s)] : [])],
     [], lap.time_s === best ? "bestlap" : "",

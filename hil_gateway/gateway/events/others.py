@@ -124,7 +124,7 @@ def _lap_done(before: int, after: int, began_ns: int | None, now_ns: int, way_m:
     if began_ns is None:
         text = f"the line after {way_m:.0f} m: lap {after} did not begin there"
         return Change(EventKind.LAP, str(before), str(after), text)
-    lap_s, text = (now_ns - began_ns) / NS_PER_S, f"lap {after} done, to one plan of 0.05 s"
+    lap_s, text = (now_ns - began_ns) / NS_PER_S, f"lap {after} done, timed to 0.05 s"
     return Change(EventKind.LAP, str(before), str(after), text, measured=lap_s, unit="s")
 
 

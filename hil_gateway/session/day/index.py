@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.run import recordings, runs_in
-from hil_gateway.session.logs.raw_bag import is_mcap, is_recording
-from hil_gateway.session.logs.source import Source
+from hil_gateway.session.files.run import runs_below
 from hil_gateway.session.overview.catalogue import STORED_EVERY
 from hil_gateway.session.overview.info import recording_info
 
@@ -59,7 +57,7 @@ def read_day(folder: Path, read: Read = read_in_turn) -> dict[str, Any]:
     if not folder.is_dir():
         raise InputError(f"{folder}: no folder")
     known = _load(folder / INDEX)
-    files = {str(parts[0].relative_to(folder)): parts for parts in _sessions(folder)}
+    files = {str(parts[0].relative_to(folder)): parts for parts in runs_below(folder)}
     if not files:
         raise InputError(f"{folder}: no recording in it or in its folders")
     stamps = {name: _stamp(folder, parts) for name, parts in files.items()}
@@ -94,17 +92,6 @@ def lap_place(folder: Path, day: dict[str, Any], name: str) -> tuple[Path, int]:
             if session["number"] == number and 1 <= lap <= len(session.get("laps", ())):
                 return folder / session["file"], lap
     raise InputError(f"lap {name}: not one of this day; laps are named session.lap, as 2.5: `hil day {folder}`")
-
-
-def _sessions(folder: Path) -> Iterator[tuple[Path, ...]]:
-    places = sorted({path.parent for path in folder.rglob("*.mcap") if path.is_file()})
-    for place in places:
-        yield from runs_in([file for file in recordings(place) if not _foreign(file)])
-
-
-def _foreign(file: Path) -> bool:
-    """Whether it is a whole file of another program, as an export."""
-    return is_mcap(Source(file)) and not is_recording(Source(file))
 
 
 def _tyres(sessions: list[dict[str, Any]]) -> dict[str, dict[str, float]]:

@@ -6,7 +6,7 @@ number that advances ten times a second from 0 on. Files that one recorder wrote
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,8 @@ from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.format import METADATA_SESSION, MessageError, unpack_message
 from hil_gateway.session.files.reader import Item, SessionReader
+from hil_gateway.session.logs.raw_bag import is_mcap, is_recording
+from hil_gateway.session.logs.source import Source
 
 LISTENED_NS = 30 * NS_PER_S
 """from the start of a file on: a gateway that was started with the recorder has spoken by then"""
@@ -104,6 +106,17 @@ def newest_in(folder: Path) -> Path:
     if not found:
         raise InputError(f"{folder}: no recording (.mcap) in it or in the folders in it")
     return max(found, key=lambda path: path.stat().st_mtime_ns)
+
+
+def runs_below(folder: Path) -> Iterator[tuple[Path, ...]]:
+    """Every run in a folder and below it, as the parts of its recording; files of other programs are left out."""
+    for place in sorted({path.parent for path in folder.rglob("*.mcap") if path.is_file()}):
+        yield from runs_in([file for file in recordings(place) if not _foreign(file)])
+
+
+def _foreign(file: Path) -> bool:
+    """Whether it is a whole file of another program, as an export."""
+    return is_mcap(Source(file)) and not is_recording(Source(file))
 
 
 def run_of(path: Path) -> tuple[Path, ...]:

@@ -15,12 +15,12 @@ from hil_gateway.car.car import Car
 from hil_gateway.process.arrays import Bools
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.process.figures import figure
+from hil_gateway.process.figures import figure, lap_time
 from hil_gateway.session.exchange.importer import open_named
 from hil_gateway.session.files.chunk import MESSAGE, Messages
 from hil_gateway.session.files.format import MessageError, recorded_source, source_places
 from hil_gateway.session.files.reader import Item, SessionReader, Stream
-from hil_gateway.session.files.run import recordings, run_of, runs_in
+from hil_gateway.session.files.run import run_of, runs_below
 from hil_gateway.session.files.two_readers import in_turn
 from hil_gateway.session.logs.bag import KINDS
 from hil_gateway.session.logs.entry import CUT_OFF
@@ -31,15 +31,14 @@ from hil_gateway.track.lap_clock import Mark
 
 
 def session_infos(path: Path, car: Car) -> list[dict[str, Any]]:
-    """Summaries of a file with those that go on with it, or of every run in a folder of recordings.
+    """Summaries of a file with those that go on with it, or of every run in a folder and below it.
 
     Raises:
         InputError: not a readable recording or log.
     """
     if not path.is_dir():
         return [session_info(*run_of(path), car=car) if is_recording(Source(path)) else session_info(path, car=car)]
-    ours = [file for file in recordings(path) if is_recording(Source(file))]
-    return [session_info(*run, car=car) for run in runs_in(ours)] or [session_info(path, car=car)]
+    return [session_info(*run, car=car) for run in runs_below(path)] or [session_info(path, car=car)]
 
 
 def session_info(path: Path, *following: Path, car: Car) -> dict[str, Any]:
@@ -261,7 +260,7 @@ def _story_lines(info: dict[str, Any]) -> list[str]:
     """Laps, stops, alerts, revisions."""
     if reason := info.get("story_unreadable"):
         return [f"  laps and stops not read: {reason}"]
-    laps = [f"  lap {i}: {figure(lap['time_s'], 's', 5)}{marked(lap)}" for i, lap in enumerate(info["laps"], start=1)]
+    laps = [f"  lap {i}: {lap_time(lap['time_s'])}{marked(lap)}" for i, lap in enumerate(info["laps"], start=1)]
     stops = [f"  {s['after']} at {figure(s['t'], 's', 5)}: {s['cause']}{_value(s)}" for s in info["stops"]]
     alerts = [
         f"  not explained: {', '.join(a['channels'])}, up to {figure(a['strength'], '', 3)} times its noise"

@@ -11,7 +11,7 @@ from can_dbc.units import UNITS
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
-from hil_gateway.process.figures import figure
+from hil_gateway.process.figures import lap_time
 from hil_gateway.session.drive_table import DriveTable, read_drive_table
 from hil_gateway.session.files.run import run_of
 from hil_gateway.track.lap_clock import Lap, LapClock
@@ -91,4 +91,4 @@ def _resampled(name: str, lap: Lap, columns: dict[str, Array], along: Array, tra
 def title(table: LapTable) -> str:
     """`session, lap 3: 54.12 s`, and what marks it."""
     marks = f" ({', '.join(table.lap.marks)})" if table.lap.marks else ""
-    return f"{table.session}, lap {table.lap.number}: {figure(table.lap.time_s, 's', 5)}{marks}"
+    return f"{table.session}, lap {table.lap.number}: {lap_time(table.lap.time_s)}{marks}"

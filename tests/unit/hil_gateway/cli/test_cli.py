@@ -312,3 +312,9 @@ def test_a_working_directory_that_is_gone_is_one_line(tmp_path: Path, arguments:
         2,
         "hil: the working directory is not there any more; `cd` to one that is\n",
     )
+
+
+def test_a_choice_that_is_none_is_refused_in_plain_words() -> None:
+    refused = hil("race-control", "flag", "blue")
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("hil: Invalid value for 'name': 'blue' is not one of 'green', 'yellow', ")

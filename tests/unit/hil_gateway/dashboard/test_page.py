@@ -140,6 +140,8 @@ def test_a_real_browser_shows_car_belief_and_alert_and_never_passes_old_figures_
         browser.wait_for("document.getElementById('raceline').getAttribute('d')?.length > 1000")
         assert browser.evaluate("document.getElementById('overlimit').hidden") is False
         assert browser.evaluate(TEXT.format("linetime")) == "1:23.50"
+        browser.evaluate("import('./format.js').then((m) => { window.gaps = [125.26, -0.5].map(m.lapGap).join() })")
+        browser.wait_for("window.gaps === '+2:05.26,−0.50 s'")  # a gap as wide as a lap is written as one
         loop.planner_runs = False
         browser.wait_for("document.getElementById('plan').getAttribute('points') === ''")
         assert "the planner is silent" in browser.evaluate(TEXT.format("status"))

@@ -129,6 +129,9 @@ def test_config_diff_names_what_was_changed_where_and_config_show_its_range(tmp_
         "vehicle.mass": (810.0, 787.3, str(file)),
         "dashboard.port": (9000, 8024, "HIL_DASHBOARD__PORT"),
     }
+    monkeypatch.setenv("HIL_PLATFORM", "kestrel")  # as --platform does: a car has its own defaults
+    assert "platform = kestrel (HIL_PLATFORM)" in run.invoke(app, ["config", "show"]).output
+    monkeypatch.delenv("HIL_PLATFORM")
     shown = run.invoke(app, ["config", "show"]).output
     assert "planner.backend = auto   # auto | fixed | hpipm | piqp" in shown
     assert "dashboard.rate_hz = 10.0   # > 0, <= 50; updates a second sent to each page" in shown

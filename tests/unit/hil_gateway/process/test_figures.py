@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil_gateway.process.figures import compared, figure, lines, plain, print_json
+from hil_gateway.process.figures import compared, figure, lap_time, lines, plain, print_json
+
+
+def test_a_lap_is_shown_as_fine_as_it_is_timed():
+    """By the estimate to 0.01 s: two ways to time one lap differ by some ms."""
+    assert [lap_time(time_s) for time_s in (93.0388, 93.0421, 123.0, None)] == ["93.04 s", "93.04 s", "123.00 s", "-"]
 
 
 @pytest.mark.parametrize(

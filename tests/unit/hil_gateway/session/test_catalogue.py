@@ -133,7 +133,7 @@ def test_a_recording_without_any_topic_of_ours_has_no_laps_and_no_stops(tmp_path
 def test_list_prints_a_line_a_session_and_json(tmp_path):
     write_drive(tmp_path / "a.mcap")
     run = CliRunner()
-    assert "1 stops (command_stale)" in run.invoke(app, ["session", "list", str(tmp_path)]).output
+    assert "stops: 1 (command_stale)" in run.invoke(app, ["session", "list", str(tmp_path)]).output
     (row,) = json.loads(run.invoke(app, ["session", "list", str(tmp_path), "--json"]).stdout)["sessions"]
     assert row["laps"] == 2 and row["effects"] == ["aero_drag"]
 

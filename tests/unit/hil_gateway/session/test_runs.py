@@ -65,6 +65,15 @@ def test_the_lap_across_a_restart_of_the_recorder_is_there_with_the_gap_marked(t
     assert alone["files"] == [str(second)] and len(alone["laps"]) == 1
 
 
+def test_a_folder_is_every_run_in_it_and_below_it(tmp_path):
+    """As a folder of demos is, each in its own."""
+    for name, began_s in (("a", 0.0), ("b", 60.0)):
+        (tmp_path / name).mkdir()
+        write(tmp_path / name / "session.mcap", began_s, began_s + 2.0, gateway_began_s=began_s, started=name)
+    infos = json.loads(CliRunner().invoke(app, ["session", "info", str(tmp_path), "--json"]).stdout)["sessions"]
+    assert [info["files"] for info in infos] == [[str(tmp_path / name / "session.mcap")] for name in ("a", "b")]
+
+
 def test_another_gateway_is_another_run(tmp_path):
     first = write(tmp_path / "session.mcap", 0.0, 5.0)
     again = write(tmp_path / "session_001.mcap", 60.0, 65.0, gateway_began_s=58.0, started="b")
