@@ -79,12 +79,25 @@ class LazyGroup(TyperGroup):
         return name, _load(name) if name else command, rest
 
 
+LONGEST_SENTENCE = 200
+"""characters: what a command does is one sentence"""
+
+
+class Group(TyperGroup):
+    """Lists its commands in whole sentences; typer's own list breaks them off where its line ends."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        rows = [(name, self.commands[name].get_short_help_str(LONGEST_SENTENCE)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
 def _load(name: str) -> Any:
     """The command itself in the place of its entry in the list."""
     module, attribute = COMMANDS[name][0].split(":")
     sub: typer.Typer = getattr(importlib.import_module(module), attribute)
     sub.rich_markup_mode = None  # the same plain help everywhere
-    sub._add_completion = False
+    sub._add_completion, sub.info.cls = False, Group
     return typer.main.get_command(sub)
 
 

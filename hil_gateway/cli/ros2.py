@@ -34,6 +34,7 @@ def topics(config: ConfigFile = None) -> None:
 
     settings = load_config(config)
     types = Types(settings.ros2.messages, hashes=settings.ros2.type_hashes)
-    for way, rows in (("out", published_topics(settings)), ("in", taken_topics(settings))):
-        for topic in rows:
-            typer.echo(f"{way:3} {topic.name:45} {topic.type:42} {types.of(topic.type).hash}")
+    rows = [("out", t) for t in published_topics(settings)] + [("in", t) for t in taken_topics(settings)]
+    names, kinds = (max(map(len, column)) for column in zip(*((t.name, t.type) for _, t in rows), strict=True))
+    for way, topic in rows:
+        typer.echo(f"{way:3} {topic.name:{names}} {topic.type:{kinds}} {types.of(topic.type).hash}")

@@ -32,8 +32,8 @@ def drive(options: DemoOptions) -> dict[str, Any]:
     say(f"CAN bus: {setup.bus}; session: {setup.session}")
     with setup.lock:
         result = _run(options, setup)
-        # who interrupts does not want to wait
-        limit_s = _limit_s(setup) if result.ending is Ending.DONE else None
+        # who interrupts does not want to wait, and without a lap there is nothing to hold against it
+        limit_s = _limit_s(setup) if result.ending is Ending.DONE and result.referee.laps else None
         return summarise(options, setup, result, _model_error(setup, result), limit_s)
 
 

@@ -318,3 +318,14 @@ def test_a_choice_that_is_none_is_refused_in_plain_words() -> None:
     refused = hil("race-control", "flag", "blue")
     assert refused.returncode == 2
     assert refused.stderr.startswith("hil: Invalid value for 'name': 'blue' is not one of 'green', 'yellow', ")
+
+
+def test_help_lists_commands_in_whole_sentences() -> None:
+    listed = hil("session", "--help").stdout.partition("Commands:")[2]
+    assert "..." not in listed
+    assert "with --estimate one that identify and diagnose can work on" in " ".join(listed.split())
+
+
+def test_columns_of_ros_topics_stay_in_line() -> None:
+    rows = hil("ros2", "topics").stdout.splitlines()
+    assert len({row.index("RIHS01_") for row in rows}) == 1

@@ -17,6 +17,7 @@ from hil_gateway.bus import messages as m
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import ESTIMATE, GATEWAY_STATUS, OPERATOR, PLAN, TRUTH
 from hil_gateway.config import Config, load_config
+from hil_gateway.demo import drive as demo
 from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.drive import unknown
 from hil_gateway.demo.monitor import REASONS_MAX, Monitor, PlanCount
@@ -287,6 +288,15 @@ def test_nothing_is_asked_for_once_the_gateway_is_ending() -> None:
     console.print(view.page(scene))
     for shown in (line(scene), console.export_text()):
         assert "gateway_ending" in shown and "before it drives again" not in shown
+
+
+def test_without_a_lap_nobody_waits_for_the_limit_of_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Half a minute for a new car."""
+    bus = LocalBus()
+    monkeypatch.setattr(demo, "_run", lambda options, setup: RunResult(Monitor(bus), DriveReferee(bus)))
+    monkeypatch.setattr(demo, "measure", lambda session: unknown("nothing was recorded"))
+    monkeypatch.setattr(demo, "lap_limit", lambda parameters, track: pytest.fail("computed"))
+    assert demo.drive(DemoOptions(out=tmp_path))["limit_s"] is None
 
 
 def test_who_speaks_of_the_loop_is_known() -> None:
