@@ -60,8 +60,6 @@ OUTLYING = 2.0
 """deviations that one reading teaches at most"""
 EITHER = 0.4
 """of the mean movement that each of both shows at least: it is not one of them that jumps"""
-PROVEN = 100
-"""readings of both, 10 s, before they may contradict"""
 
 
 class _Line:
@@ -119,8 +117,13 @@ class _Receiver:
         """Nothing is known of it."""
         self._state: Array = np.array([0.0, 0.0, FIRST_LATE_S])
         self._covariance: Array = np.diag(FIRST_VARIANCES)
-        self.proven = 0
-        """readings in a row that were near where they were expected; 0 where it says nothing"""
+        self.speaks = True
+        """whether its newest reading is fresh"""
+
+    @property
+    def settled(self) -> bool:
+        """Whether its offset is known to `SETTLED_M`."""
+        return bool(self._covariance[0, 0] < SETTLED_M**2)
 
     @property
     def offset(self) -> tuple[float, float]:
@@ -136,7 +139,7 @@ class _Receiver:
         """Takes in a new reading, if there is one."""
         age_s = builder.age_s(self._source, now_ns)
         if age_s > self._stale_s:
-            self.proven = 0
+            self.speaks = False
             return
         stamp_ns = now_ns - round(NS_PER_S * age_s)
         if stamp_ns == self._stamp_ns:
@@ -145,7 +148,7 @@ class _Receiver:
         self._stamp_ns = stamp_ns
         read = self._map.to_map_radians(builder.value(self._latitude), builder.value(self._longitude))
         if read == self._read:
-            self.proven = 0
+            self.speaks = False
             return
         self._read = read
         there = line.at(stamp_ns / NS_PER_S - float(self._state[2]))
@@ -157,7 +160,7 @@ class _Receiver:
         x, y, east, north = there
         self._covariance = self._covariance + since_s * np.diag((self.walk, self.walk, LATE_WALK))
         differs = np.array([read[0] - x - self._state[0], read[1] - y - self._state[1]])
-        if math.hypot(*differs) > FAR_M and self._covariance[0, 0] < SETTLED_M**2:
+        if math.hypot(*differs) > FAR_M and self.settled:
             self._begin()
             return
         by = np.array([[1.0, 0.0, -east], [0.0, 1.0, -north]])
@@ -165,7 +168,7 @@ class _Receiver:
         self._state = self._state + gain @ differs
         self._state[2] = min(max(self._state[2], 0.0), LATEST_S)
         self._covariance = self._covariance - gain @ by @ self._covariance
-        self.proven += 1
+        self.speaks = True
 
 
 Move = tuple[float, float]
@@ -232,7 +235,7 @@ class OtherReceivers:
 
     def _judge(self, learns: bool) -> None:
         one, other = self._receivers
-        if min(one.proven, other.proven) < PROVEN:
+        if not all(receiver.speaks and receiver.settled for receiver in self._receivers):
             self._kept.clear()
             self.share = 0.0
             return

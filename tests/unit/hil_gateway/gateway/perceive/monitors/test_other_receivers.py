@@ -78,7 +78,7 @@ def drive(
     receivers = {name: StandaloneReceiver(place, ORIGIN, noise) for name in heard}
     reports, others, way = Reports(), OtherReceivers(CAR, ORIGIN), 0.0
     for tick in range(round(20 * seconds)):
-        now_ns, speed = tick * FIX_NS, 0.0 if tick < 100 else at_speed
+        now_ns, speed = tick * FIX_NS, min(max(0.5 * (tick - 100), 0.0), at_speed)
         now_ns += round(asleep_s * NS_PER_S) if tick > 4 * seconds else 0
         way += 0.05 * speed / radius
         place["x"], place["y"] = radius * math.cos(way), radius * math.sin(way)
@@ -106,6 +106,12 @@ def drive(
 def test_a_drift_of_half_a_metre_a_second_is_noticed_within_2_5_s(seed: int, outwards: float, along: float) -> None:
     since_s = noticed_s(60.0, outwards, BOTH, seed, along=along)
     assert since_s is not None and 0.0 < since_s < 2.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drift_right_after_a_car_stood_for_five_seconds_is_noticed_too(seed: int) -> None:
+    since_s = noticed_s(10.0, 0.5, BOTH, seed, bend=TIGHT)
+    assert since_s is not None and 0.0 < since_s < 3.5
 
 
 @pytest.mark.parametrize("seed", range(3))
