@@ -36,4 +36,4 @@ def named(symbol: str) -> Named:
 def label(symbol: str) -> str:
     """Name, symbol and unit of a parameter, as a table of a report has them."""
     name, unit = named(symbol)
-    return f"{name} ({symbol})" + (f", {unit}" if unit else "")
+    return (f"{name} ({symbol})" if symbol in TYRE_NAMES else name) + (f", {unit}" if unit else "")

@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import can_dbc
+from hil_gateway.cli.group import Group
 from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, EXIT_SIGNAL, InputError, one_line
 from hil_gateway.process.lifecycle import Interrupt, end_with_parent
 
@@ -79,25 +80,13 @@ class LazyGroup(TyperGroup):
         return name, _load(name) if name else command, rest
 
 
-LONGEST_SENTENCE = 200
-"""characters: what a command does is one sentence"""
-
-
-class Group(TyperGroup):
-    """Lists its commands in whole sentences; typer's own list breaks them off where its line ends."""
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        rows = [(name, self.commands[name].get_short_help_str(LONGEST_SENTENCE)) for name in self.list_commands(ctx)]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
-
-
 def _load(name: str) -> Any:
     """The command itself in the place of its entry in the list."""
     module, attribute = COMMANDS[name][0].split(":")
     sub: typer.Typer = getattr(importlib.import_module(module), attribute)
     sub.rich_markup_mode = None  # the same plain help everywhere
-    sub._add_completion, sub.info.cls = False, Group
+    sub._add_completion = False
+    sub.info.cls = sub.info.cls if isinstance(sub.info.cls, type) else Group
     return typer.main.get_command(sub)
 
 

@@ -43,6 +43,8 @@ class Recording:
     def __init__(self, path: Path, track: Track, config: Config) -> None:
         self.path = path
         self.times: list[float] = []
+        self.opens_s = 0.0
+        """the newest moment of which a gateway speaks, else the first one"""
         self._quick: list[bytes] = []
         self._slow: list[bytes] = []
         self.lines: dict[str, dict[str, Any]] = {}
@@ -79,6 +81,8 @@ class Recording:
                 self.lines[slow["line"]] = line
             self._slow.append(zlib.compress(text_of(slow).encode(), 1))
         self.times.append(t_s)
+        spoken = snapshot["ages"]["gateway_status"]["alive"]
+        self.opens_s = t_s if spoken or len(self.times) == 1 else self.opens_s
         self._quick.append(zlib.compress(text_of(snapshot).encode(), 1))
 
 
@@ -112,6 +116,7 @@ def create_app(recording: Recording, track: Track, config: Config, limit_s: floa
         return Response(recording.at(t_s), media_type="application/json", headers=HEADERS)
 
     source = {"file": recording.path.name, "start_s": recording.times[0], "end_s": recording.times[-1]}
+    source["opens_s"] = recording.opens_s
     routes = [
         Route("/at.json", at),
         Route("/history.json", lambda request: json_response(recording.history)),

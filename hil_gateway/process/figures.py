@@ -49,7 +49,7 @@ def figure(value: Any, unit: str = "", digits: int = DIGITS) -> str:
 
 
 def _rounded(value: float, digits: int) -> str:
-    rounded = float(f"{value:.{digits}g}")
+    rounded = float(f"{value:.{digits}g}") + 0.0  # no -0
     if rounded != 0.0 and (abs(rounded) < 1e-3 or abs(rounded) >= 1e6):
         return f"{rounded:.{digits}g}"
     return f"{rounded:.{EXACT}g}"

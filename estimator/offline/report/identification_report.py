@@ -75,13 +75,16 @@ def _parameters(report: ReportPage, result: Identification) -> None:
         final, std = result.final[name], result.fit.std[name]
         known = "yes" if result.identifiability.identifiable[name] else "no"
         change = f"{100 * (final / initial - 1):+.2f} %"
-        rows.append([label(name), f"{initial:.5g}", f"{final:.5g}", change, f"{std:.2g}", known])
+        rows.append([label(name), f"{initial:.5g}", f"{final:.5g}", change, figure(std, digits=2), known])
     report.table(["Parameter", "Initial", "Final", "Change", "Std", "Identified"], rows)
     report.figure(plots.tyre_curves(result), _CURVES)
     extra = {p.name: p.unit for p in result.fit.parameters if p.name not in result.initial}
     report.table(
         ["Estimated along with them", "Unit", "Value", "Std"],
-        [[label(n), unit, f"{result.fit.values[n]:.4g}", f"{result.fit.std[n]:.2g}"] for n, unit in extra.items()],
+        [
+            [label(n), unit, f"{result.fit.values[n]:.4g}", figure(float(result.fit.std[n]), digits=2)]
+            for n, unit in extra.items()
+        ],
     )
 
 

@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
+from hil_gateway.cli.group import Group
 from hil_gateway.process.figures import print_json
 
 SHOW = "show"
 PAGE = "day.html"
 
 
-class _ShowFirst(TyperGroup):
+class _ShowFirst(Group):
     """`hil day FOLDER` is `hil day show FOLDER`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

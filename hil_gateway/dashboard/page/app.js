@@ -112,7 +112,7 @@ function tick(step_s) {
   else play(false);
 }
 
-function openRecording({ file, start_s: start, end_s: end }) {
+function openRecording({ file, start_s: start, end_s: end, opens_s: opens }) {
   document.title = `${file} (recording)`;
   byId("player").hidden = false;
   byId("pause").hidden = true;
@@ -122,7 +122,7 @@ function openRecording({ file, start_s: start, end_s: end }) {
   charts.onClick((t) => seek(t));
   setInterval(() => tick(0.1), 100);
   const at = Number(new URLSearchParams(location.search).get("t"));
-  seek(at ? start + at : end);
+  seek(at ? start + at : opens);
 }
 
 // --- buttons and keys ---

@@ -41,7 +41,7 @@ export function drawHead({ state, phase, messages, ages }, recording) {
   const heard = gateway && ages.gateway_status.alive;
   byId("action").textContent = heard ? words(gateway.action) : "no word from the gateway";
   byId("action").className = heard ? `pill ${gateway.action}` : "pill";
-  byId("why").textContent = [recording && state.name !== "LIVE" ? `at this moment ${state.name}` : "", recording ? "" : state.why, heard ? reason(gateway) : "", standing(messages.plan, gateway, ages), ages.estimate.alive ? "" : "no estimate: hil estimator run"].filter(Boolean).join(" · ");
+  byId("why").textContent = [recording && state.name !== "LIVE" ? `at this moment ${state.name}` : "", recording ? "" : state.why, heard ? reason(gateway) : "", standing(messages.plan, gateway, ages), ages.estimate.alive ? "" : recording ? "no estimate" : "no estimate: hil estimator run"].filter(Boolean).join(" · ");
 }
 
 // Before it is armed the gateway says the same.

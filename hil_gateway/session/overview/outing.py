@@ -6,6 +6,7 @@ from typing import Any
 
 from hil_gateway.bus.track_day.note import Note
 from hil_gateway.bus.track_day.run import UNDER_WAY, RunStatus
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.track.lap_clock import Lap
 
 LONGEST_STEP_S = 1.0
@@ -35,14 +36,16 @@ class Outing:
         step_s = 0.0 if self._last_s is None else t_s - self._last_s
         metres = abs(speed) * step_s if step_s <= LONGEST_STEP_S else 0.0
         self._last_s, self._fastest, self._metres = t_s, max(self._fastest, speed), self._metres + metres
+        if (run := self._runs.get(self.run)) and run["phase"] in UNDER_WAY:
+            run["seconds"], run["km"] = t_s - run["t"], run["km"] + metres / 1000.0
+            run["top_speed"] = max(run["top_speed"], speed)
+        if abs(speed) < STANDSTILL and lap is None:
+            return  # no tyres are driven on
         used = self._sets.setdefault(self._tyres, {"laps": 0, "km": 0.0})
         used["km"] += metres / 1000.0
         if lap is not None:
             used["laps"] += 1
             self._laps.append(lap.tree() | {"start_s": round(lap.start_s, 3), "run": self.run, "tyres": self._tyres})
-        if (run := self._runs.get(self.run)) and run["phase"] in UNDER_WAY:
-            run["seconds"], run["km"] = t_s - run["t"], run["km"] + metres / 1000.0
-            run["top_speed"] = max(run["top_speed"], speed)
 
     def take_run(self, t_s: float, status: RunStatus, parked: dict[str, float] | None = None) -> None:
         """Where in its run the car is, and how a car that has come to rest in its box stands there."""

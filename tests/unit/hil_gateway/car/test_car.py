@@ -9,6 +9,7 @@ import pytest
 
 from can_dbc.folder import SHIPPED
 from hil_gateway.car.car import load_car
+from hil_gateway.car.tyre_names import label
 from hil_gateway.process.errors import InputError
 
 
@@ -70,3 +71,8 @@ def test_a_mistake_in_the_numbers_is_named(tmp_path: Path, old: str, new: str, c
     with pytest.raises(InputError, match=complaint) as caught:
         load_car(str(folder))
     assert str(caught.value).startswith(f"{folder}/car.toml: ")
+
+
+def test_a_parameter_without_a_name_is_called_by_its_symbol_once():
+    assert label("cx") == "drive stiffness C_x (cx), N"
+    assert label("steer_timing.tau") == "steer timing.tau"

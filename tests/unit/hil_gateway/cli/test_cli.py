@@ -321,6 +321,7 @@ def test_a_choice_that_is_none_is_refused_in_plain_words() -> None:
 
 
 def test_help_lists_commands_in_whole_sentences() -> None:
+    assert "..." not in hil("day", "--help").stdout.partition("Commands:")[2]
     listed = hil("session", "--help").stdout.partition("Commands:")[2]
     assert "..." not in listed
     assert "with --estimate one that identify and diagnose can work on" in " ".join(listed.split())

@@ -34,8 +34,14 @@ from hil_gateway.track.loading import load_track
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Recording:
-    """Five seconds of the scene, with a stop at 3 s, as the recorder would have written it."""
-    path, bus = tmp_path / "drive.mcap", LocalBus()
+    """Five seconds of the scene, with a stop at 3 s."""
+    return written(tmp_path / "drive.mcap")
+
+
+def written(path: Path, estimator_until_s: float = 5.0, gateway_until_s: float = 5.0) -> Recording:
+    """Five seconds of the scene, as the recorder would have written it."""
+    bus = LocalBus()
+    until_s = {ESTIMATE: estimator_until_s, GATEWAY_STATUS: gateway_until_s}
     topics = (ESTIMATE, BELIEF, PLAN, GATEWAY_STATUS, VEHICLE_STATE, EVENT)
     queues = {topic: bus.subscribe(topic, depth=8) for topic in topics}
     with SessionFile(path, {"session": {"name": "drive"}}) as file:
@@ -45,7 +51,7 @@ def recording(tmp_path: Path) -> Recording:
             if tenth == 30:
                 bus.publish(EVENT, stop_event(now_ns, "command_stale"))
             for topic, queue in queues.items():
-                for message in queue.poll(now_ns):
+                for message in queue.poll(now_ns) if tenth < 10 * until_s.get(topic, 5.0) else ():
                     data = message.model_dump_json().encode()
                     file.add(topic.key, data, UNIX_NS + now_ns, UNIX_NS + now_ns, tenth)
     return Recording(path, load_track(), Config())
@@ -59,6 +65,19 @@ def test_a_recording_shows_at_every_moment_what_was_known_then(recording: Record
     assert before["quick"]["row"]["speed"] == 61.5
     assert json.loads(recording.at(-1e9))["quick"]["t"] == recording.times[0]
     assert recording.times[-1] - start == pytest.approx(4.8, abs=0.11)
+
+
+@needs_browser
+def test_a_recording_opens_where_the_gateway_last_spoke_and_advises_nothing(tmp_path: Path) -> None:
+    """Nobody can start an estimator of yesterday."""
+    recording = written(tmp_path / "drive.mcap", estimator_until_s=1.0, gateway_until_s=3.0)
+    app = recording_app(recording, load_track(), Config())
+    with served(app) as url, Browser(tmp_path / "profile") as browser:
+        browser.open(url)
+        browser.wait_for("document.getElementById('why').textContent.includes('no estimate')")
+        shown_s = float(browser.evaluate(TEXT.format("clock")).split()[0])
+        assert 2.8 <= shown_s <= 2.9 + GATEWAY_STATUS.deadline_s
+        assert "hil " not in browser.evaluate(TEXT.format("why"))
 
 
 @needs_browser

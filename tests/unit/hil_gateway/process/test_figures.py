@@ -20,6 +20,7 @@ def test_a_lap_is_shown_as_fine_as_it_is_timed():
     ("value", "unit", "text"),
     [
         (54.120000000000005, "s", "54.12 s"),
+        (-0.0, "deg", "0 deg"),
         ([np.float64(100.02420961316162)], "s", "100 s"),
         ([np.float64(88.51), 91.0], "s", "88.51, 91 s"),
         ([], "s", "none"),

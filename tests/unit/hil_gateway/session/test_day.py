@@ -157,6 +157,16 @@ def test_runs_of_a_planner_that_was_started_again_are_others_and_no_lap_is_of_a_
     assert "started again" in tree["runs"][0]["said"] and [lap["run"] for lap in tree["laps"]] == [0, 2]
 
 
+def test_tyres_that_the_car_stood_on_are_not_those_that_were_driven():
+    """Until a person says which set is on the car stands, and its estimated speed is not quite nothing."""
+    outing = Outing()
+    for second in range(60):
+        outing.moved(float(second), 0.05, None)
+    outing.take_run(60.0, run_status(RunPhase.FLYING, "A1"))
+    outing.moved(60.0, 30.0, None)
+    assert outing.tree()["tyres"] == {"A1": {"laps": 0, "km": 0.03}}
+
+
 def test_a_gateway_that_was_killed_while_it_drove_is_a_stop_with_its_cause(tmp_path):
     path = tmp_path / "session.mcap"
     with SessionFile(path, {"session": {"started": "", "software": "1.0", "config": "{}"}}) as file:
