@@ -160,17 +160,17 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault("IMU missing", IMU, ("state_invalid",), 0.15, "its age", _lost),
     CarFault("IMU frozen", IMU, ("state_invalid",), 0.35, "noise changes the last bit of every frame", _frozen),
     CarFault(
-        "IMU constant with dither", IMU, _MOTION, 6.0, "its own noise; steering, wheels, pedals, when they move",
+        "IMU constant with dither", IMU, _MOTION, 6.0, "steering, wheels, pedals, when they move",
         _dithering
     ),
-    CarFault("IMU near zero", IMU, _MOTION, 6.0, "its own noise, a step", _scaled(0.02, *INERTIAL)),
+    CarFault("IMU near zero", IMU, _MOTION, 6.0, "steering, wheels, pedals, when they move", _scaled(0.02, *INERTIAL)),
     CarFault(
         "IMU sign flipped", IMU, _MOTION, 6.0,
-        "a step, or steering and front wheels in the next bend, or engine, brakes and wheels",
+        "steering and wheels in the next bend, or engine, brakes and wheels",
         _scaled(-1.0, *INERTIAL)
     ),
     CarFault(
-        "yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "a step", _plus(0.3, "imu_yaw_rate")
+        "yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "steering and wheels", _plus(0.3, "imu_yaw_rate")
     ),
     CarFault("wheel speeds missing", WHEELS, ("state_invalid",), 0.15, "their age", _lost),
     CarFault("wheel speeds frozen", WHEELS, ("state_invalid",), 0.35, "noise changes the last bit", _frozen),
@@ -244,15 +244,15 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     ),
     CarFault(
         "IMU turned by 180 deg", IMU, _MOTION, 6.0,
-        "a step, or steering and front wheels in the next bend, or engine, brakes and wheels",
+        "steering and wheels in the next bend, or engine, brakes and wheels",
         _scaled(-1.0, "imu_ax", "imu_ay"),
     ),
     CarFault(
         "latitude and longitude swapped", POSITION, ("position_lost", *_FIX), 1.1, "no place of the map", _turned_map
     ),
     CarFault(
-        "wheel speeds front and rear swapped", WHEELS, ("wheel_speed_wrong",), 6.0,
-        "slip of the driven wheels, when next driven", _axles_swapped,
+        "wheel speeds front and rear swapped", WHEELS, ("wheel_speed_wrong", *_MOTION), 6.0,
+        "the other axle in a bend, engine and brakes", _axles_swapped,
     ),
     CarFault(
         "second sender of wheel speeds", WHEELS, ("sender_doubled", "wheel_speed_wrong", *_MOTION, "state_invalid"),

@@ -28,11 +28,6 @@ GATE = NormalDist().inv_cdf(1.0 - 0.5 * CHANCE)
 """deviations from which a reading is not taken in"""
 DOUBTED = -2.0 * math.log(0.01)
 """exceeded once in a hundred: no filter is begun anew, as what has been wrong for a second may be about to be found"""
-
-
-SOUND, MIRRORED, TURNED = SIGNS = (1.0, 1.0, 1.0), (-1.0, -1.0, -1.0), (1.0, -1.0, -1.0)
-"""of yaw rate, lateral and longitudinal force: of a sound IMU, of one that shows all the other way, and of one that is
-turned by half a circle"""
 FILTERS = 3
 """one with all sources, two without the IMU"""
 
@@ -41,12 +36,12 @@ class FilterLane:
     """One filter of a bank: views of its part of the arrays of all."""
 
     def __init__(self, function: CompiledFunction, i: int) -> None:
-        (means, covariances, _, uses), (_, _, off, fits), n = function.inputs, function.outputs, len(function.inputs[0])
+        (means, covariances, _, uses), (_, _, off, fit), n = function.inputs, function.outputs, len(function.inputs[0])
         self.mean, self.covariance, self.uses = means[:, i], covariances[:, n * i : n * (i + 1)], uses[:, i]
         self.off = off[:, i].data
         """what the measurements show beyond what is predicted, in deviations"""
-        self.fits = fits[:, i].data
-        """chi-square of what the IMU shows, with each of the model's signs"""
+        self.fit = fit[:, i].data
+        """chi-square of what the IMU shows"""
         self.age_s = 0.0
 
     def renew(self, other: FilterLane) -> None:

@@ -5,7 +5,6 @@ The model is written down once; CasADi derives the Jacobians, and the step of al
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Protocol
 
 import casadi as ca
@@ -20,8 +19,6 @@ class StepModel(Protocol):
 
     states: int
     judged: int
-    signs: Sequence[tuple[float, ...]]
-    """of the judged ones, which are looked at"""
 
     def after(self, x: Expr) -> Expr:
         """States one period on, (n,)."""
@@ -47,7 +44,7 @@ class StepModel(Protocol):
 def step_function(name: str, model: StepModel, given: Expr, gate: float, filters: int) -> CompiledFunction:
     """(means (n, k), covariances (n, k n), given, uses (m, k)) of k filters to their next means and covariances; what
     the measurements show beyond what is predicted, in deviations of that (m, k); and how the judged ones fit before
-    they are taken in, as chi-square, with each of the model's `signs` (s, k).
+    they are taken in, as chi-square (1, k).
 
     `uses` are 1 where a measurement is taken in, 0 where it is only looked at. One that is not among the judged and
     further off than `gate` deviations is not taken in.
@@ -60,10 +57,10 @@ def step_function(name: str, model: StepModel, given: Expr, gate: float, filters
     first = count - model.judged
     for i in range(first):
         step.update(i, uses[i], gate)
-    fits = step.fits(range(first, count))
+    fit = step.fit(range(first, count))
     for i in range(first, count):
         step.update(i, uses[i], ca.inf)
-    found = [step.mean, step.covariance, ca.vertcat(*step.off), fits]
+    found = [step.mean, step.covariance, ca.vertcat(*step.off), fit]
     one = ca.Function(name, [mean, covariance, given, uses], [ca.densify(e) for e in found])
     return compile_function(one.map(f"{name}_bank", "serial", filters, [2], []), flags=EXACT)
 
@@ -83,8 +80,8 @@ class _Step:
         self.covariance = symmetric(F @ self.covariance @ F.T + ca.diag(noise))
         self.mean = after
 
-    def fits(self, measurements: range) -> Expr:
-        """Chi-square of the measurements, with each of the signs."""
+    def fit(self, measurements: range) -> Expr:
+        """Chi-square of the measurements."""
         rows = ca.vertcat(*(self._row(i) for i in measurements))
         noise = ca.diag(ca.vertcat(*(self.model.variances(self.mean)[i] for i in measurements)))
         seen, shown = (
@@ -92,8 +89,8 @@ class _Step:
             for values in (self.model.shown(self.mean), self.model.measured())
         )
         certainty = ca.inv(rows @ self.covariance @ rows.T + noise)
-        off = [ca.DM(signs) * shown - seen for signs in self.model.signs]
-        return ca.vertcat(*(one.T @ certainty @ one for one in off))
+        off = shown - seen
+        return off.T @ certainty @ off
 
     def update(self, i: int, use: Expr, gate: float) -> None:
         """Judge a measurement, and take it in where it is to be used and within the gate."""

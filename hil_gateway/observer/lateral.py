@@ -20,7 +20,6 @@ Wheels of an axle show r + v m + w: m of unequal rolling radii, w of unequal sli
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -30,7 +29,7 @@ import numpy as np
 
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.observer.bank import FILTERS, GATE, SIGNS, Bank
+from hil_gateway.observer.bank import FILTERS, GATE, Bank
 from hil_gateway.observer.kalman_step import step_function
 from hil_gateway.observer.numbers import Sensing, given, numbers_of
 from hil_gateway.process.arrays import Array, Expr
@@ -65,6 +64,8 @@ class LateralPeriod(NamedTuple):
     rear: float
     yaw_rate: float
     ay: float
+    steers: float
+    """1 where the car steers as reported, 0 where that is not known: only its wheels tell then"""
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,8 @@ class LateralNoise:
     """m/s2 a sample: roll of the body behind the filter of the sensor (0.05 s)"""
     yaw_walk: float = 0.08
     """rad/s, per square root of a second: gusts, kerbs"""
+    yaw_walk_unknown: float = 1.0
+    """the same of a car that does not steer as it reports: 3 rad/s2 for a tenth of a second"""
     side_walk: float = 0.15
     """m/s"""
     side_walk_at_limit: float = 1.0
@@ -143,7 +146,6 @@ class Turning:
 
     states = len(STATES)
     judged = 2
-    signs: Sequence[tuple[float, ...]] = tuple(signs[:2] for signs in SIGNS)
 
     def __init__(self, car: Vehicle, sensing: Sensing, period: LateralPeriod) -> None:
         self.car, self.u, self._sensing = car, period, sensing
@@ -172,7 +174,8 @@ class Turning:
         }
         added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in coloured.items()]
         sliding = n.side_walk**2 + n.side_walk_at_limit**2 * (front**4 + rear**4)
-        return ca.vertcat(sliding * u.dt, n.yaw_walk**2 * u.dt, *added, *(w**2 * u.dt for w in n.slow_walks))
+        turning = u.steers * n.yaw_walk**2 + (1.0 - u.steers) * n.yaw_walk_unknown**2
+        return ca.vertcat(sliding * u.dt, turning * u.dt, *added, *(w**2 * u.dt for w in n.slow_walks))
 
     def shown(self, x: Expr) -> tuple[Expr, ...]:
         """Both axles' wheels, side slip of the rear axle, gyro, accelerometer."""

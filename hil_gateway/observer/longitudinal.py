@@ -8,7 +8,6 @@ engine or brakes act.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -18,7 +17,7 @@ import numpy as np
 
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.observer.bank import FILTERS, GATE, SIGNS, Bank
+from hil_gateway.observer.bank import FILTERS, GATE, Bank
 from hil_gateway.observer.kalman_step import step_function
 from hil_gateway.observer.numbers import Sensing, given, numbers_of
 from hil_gateway.process.arrays import Array, Expr
@@ -91,7 +90,6 @@ class Speeding:
 
     states = len(STATES)
     judged = 1
-    signs: Sequence[tuple[float, ...]] = tuple(signs[2:] for signs in SIGNS)
 
     def __init__(self, car: Vehicle, sensing: Sensing, period: LongitudinalPeriod) -> None:
         self.u, self._sensing = period, sensing

@@ -26,7 +26,6 @@ MOTION = st.builds(
     understeer=st.floats(0.0, UNDERSTEER_MOST),
     prompt=st.booleans(),
     by_wheels=st.booleans(),
-    repaired=st.booleans(),
 )
 POSE = st.builds(
     Pose, st.floats(-500.0, 500.0), st.floats(-500.0, 500.0), SIGNED, SPEED, st.one_of(st.just(0.0), SIGNED)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from hil_gateway.gateway.perceive.duration import JITTER_S, UNSEEN_S
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.observer.bank import GATE
+from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.clock import NS_PER_S
 
 FITTED = 8
@@ -23,30 +24,30 @@ COURSE_WINDOW = 38
 """periods of the gateway: the time the fixes behind a course span, and half a fix"""
 OLDEST_S = 0.15
 """age of the newest fix beyond which the course is no longer known: two fixes were lost"""
-SLOWEST = 8.0
-"""m/s: slower, noise turns the course"""
 WEAVES_M, DEVIATIONS = 0.15, 7.5
 """of a car that weaves from a parabola, and of what fixes scatter beside it in standard deviations: further apart,
 fixes are wrong"""
+LATERAL = 7.0
+"""m/s2 of a car whose side slip builds up, and lag of the course: one that turns by more off is wrong"""
 DOUBTED = 1.0 / 3.0
 """of that, root mean square, beyond which fixes say no course"""
 
 
 class Course(NamedTuple):
-    """Place (m), direction of motion (rad), speed (m/s), turn rate (rad/s), what noise makes of that (rad/s, standard
-    deviation) and its growth of speed (m/s2)."""
+    """Place (m), direction of motion (rad), speed (m/s), turn rate (rad/s) and what noise makes of that (rad/s,
+    standard deviation)."""
 
     x: float
     y: float
     course: float
     speed: float
     turn_rate: float
-    turn_noise: float
-    gain: float
+    turn_noise: float = 0.0
 
-    def turn_within(self, apart: float) -> float:
-        """What the turn rate is at most off where it is right within `apart` without noise, rad/s."""
-        return math.hypot(apart, GATE * self.turn_noise)
+    @property
+    def turn_within(self) -> float:
+        """What the turn rate is at most off where the fixes are right, rad/s."""
+        return math.hypot(LATERAL / self.speed, GATE * self.turn_noise)
 
 
 def apart_at_most(noise: float) -> float:
@@ -96,6 +97,18 @@ class CourseReader:
         return None if scattered else (parabola, newest_ns)
 
 
+class SteadyCourse:
+    """A course that fixes have had for a whole window: fixes that scatter lie on one curve by chance now and then."""
+
+    def __init__(self) -> None:
+        self._periods = 0
+
+    def step(self, course: Course | None) -> Course | None:
+        """`course`, once there was one in every period of a window."""
+        self._periods = 0 if course is None else self._periods + 1
+        return course if self._periods >= COURSE_WINDOW else None
+
+
 class _Parabola(NamedTuple):
     """Place over time; x + i y of it, m, of its velocity, m/s, and of half its acceleration, m/s2; what a metre of
     noise makes of that, 1/s2."""
@@ -130,6 +143,5 @@ class _Parabola(NamedTuple):
         speed = abs(velocity)
         if speed < SLOWEST:
             return None
-        gained = 2.0 * self.half * velocity.conjugate() / speed
-        turn, turn_noise = gained.imag / speed, 2.0 * noise * self.noisy / speed
-        return Course(place.real, place.imag, cmath.phase(velocity), speed, turn, turn_noise, gained.real)
+        turn = 2.0 * (self.half * velocity.conjugate()).imag / speed**2
+        return Course(place.real, place.imag, cmath.phase(velocity), speed, turn, 2.0 * noise * self.noisy / speed)

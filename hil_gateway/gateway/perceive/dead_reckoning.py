@@ -16,19 +16,17 @@ from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.fading_ratio import LEARNT, FadingRatio
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
+from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.clock import NS_PER_S
 
 FIX_GAIN = 0.3
 """share of its distance to a fix by which the pose moves: at 20 fixes a second, 1 m/s of drift stay below 0.2 m.
 Without a gyro the heading turns by that share of the angle to it: 0.02 m of noise on 1 m are 6 mrad"""
-GATE_M = 2.0
-GATE_PER_M = 0.1
-"""a fix further away than this, growing with the way since the last one taken, is no fix"""
 
 SHORTEST_M = 0.5
 """way between fixes from which their direction says something"""
 
-SLIP_FROM = 8.0
+SLIP_FROM = SLOWEST
 """m/s from which side slip matters"""
 SLIP_MOST = 0.008
 """rad per m/s2: a rear axle at its limit at 10 m/s2 and 0.08 rad"""
@@ -128,10 +126,8 @@ class DeadReckoning:
             return pose
         self._fix_seq = state.position_seq
         dx, dy = state.position_x - aside[0] - pose.x, state.position_y - aside[1] - pose.y
-        if math.hypot(dx, dy) > GATE_M + GATE_PER_M * self._blind_m:
-            return pose
         across = math.cos(pose.yaw) * dy - math.sin(pose.yaw) * dx
-        drifts = motion.repaired or not motion.by_gyro
+        drifts = not motion.by_gyro
         turned = math.atan2(FIX_GAIN * across, self._blind_m) if drifts and self._blind_m >= SHORTEST_M else 0.0
         self._blind_m = 0.0
         return Pose(pose.x + FIX_GAIN * dx, pose.y + FIX_GAIN * dy, pose.yaw + turned, pose.speed, pose.slip)

@@ -30,3 +30,17 @@ class ConditionTime:
             self._since_ns = now_ns
         self._seen_ns = now_ns
         return (now_ns - self._since_ns) / NS_PER_S
+
+
+class Comparison:
+    """How long what sources differ by has been beyond its bound."""
+
+    def __init__(self) -> None:
+        self.share = 0.0
+        """of the bound, in the newest period"""
+        self._beyond = ConditionTime()
+
+    def update(self, share: float, now_ns: int) -> float:
+        """s; once a period."""
+        self.share = share
+        return self._beyond.update(share > 1.0, now_ns)

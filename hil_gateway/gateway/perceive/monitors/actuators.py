@@ -13,6 +13,7 @@ from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.motion import periods_late
+from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
 
 ANSWER, WINDOW = 2, 4
@@ -23,8 +24,6 @@ APART = 5.0
 with the offset of its sensor, how far it may be off: play, overshoot"""
 PEDALS = 0.12
 """of the full accelerator, and of the full pressure of a brake: scatter of pads and lines"""
-JUDGED_FROM = 10.0
-"""m/s: slower, engine braking, clutch and creep are as large as what is judged"""
 BRAKING = 5.0
 """m/s2 of commanded braking from which the car must slow down"""
 BRAKED_SHARE = 0.3
@@ -167,7 +166,7 @@ class ReversedMonitor:
         self._asked.append(commanded.steering_motor)
         self._reported.append(motor)
         side = 1.0 if commanded.steering_motor > 0.0 else -1.0
-        if side * motor < 0.0 and speed > JUDGED_FROM and state.sources["imu"].valid:
+        if side * motor < 0.0 and speed > SLOWEST and state.sources["imu"].valid:
             asked, apart = list(self._asked), self._of.apart
             newest = asked[-self._of.answer :]
             outside = not min(asked) - apart <= motor <= max(asked) + apart
@@ -195,7 +194,7 @@ class AccelerationMonitor:
 
     def step(self, now_ns: int, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> float:
         """Seconds the car has not done what all of these commands ask."""
-        if commanded is None or speed < JUDGED_FROM:
+        if commanded is None or speed < SLOWEST:
             self._commands.clear()
             return self._held.update(False, now_ns)
         self._commands.append(commanded)

@@ -84,9 +84,9 @@ class PositionMonitor:
         return self._drifts and fits_else
 
     def contradicted(self, held_s: float) -> None:
-        """The course of the fixes has contradicted IMU and wheels, which agree, for so long."""
+        """The course of the fixes has contradicted the gyro, with which the observer sides, for so long."""
         self._contradicted = held_s > 0.0
-        self._note(held_s > CONTRADICTED_S, "their course contradicts IMU and wheels")
+        self._note(held_s > CONTRADICTED_S, "their course contradicts gyro, wheels and steering")
 
     def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], believed: bool) -> None:
         """An estimator that refuses the fixes goes on without them: it still answers, and calls itself invalid.

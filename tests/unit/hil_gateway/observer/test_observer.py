@@ -8,18 +8,20 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
-from hil_gateway.observer.bank import MIRRORED, TURNED
-from hil_gateway.observer.observer import Observer
+from hil_gateway.observer.observer import Acts, Observer
 
 CONFIG = Config()
 CAR = CONFIG.vehicle
 SPEED = 50.0
+PUSHED = 1.8
+"""m/s2 by the engine, most of it against drag"""
 FRONT, REAR = 9.0e4, 1.3e5
 """N/rad of both axles' tyres: the car understeers"""
 Change = Callable[[dict[str, float]], dict[str, float]]
@@ -39,17 +41,20 @@ class Drive:
     def __init__(self, state: VehicleState, zero: float = 0.0) -> None:
         self._state, self._zero, self._rng = state, zero, random.Random(3)
         self.observer, self._t, self._vy, self._r = Observer(CONFIG), 0.0, 0.0, 0.0
-        self.told: set[tuple[float, float, float]] = set()
 
-    def run(self, seconds: float, change: Change = dict) -> tuple[float, float]:
-        """Largest shares of chance that IMU and wheels came to."""
+    def run(self, seconds: float, change: Change = dict, *, steers: bool = True) -> tuple[float, float]:
+        """Largest shares of chance that the IMU and both axles' wheels came to."""
         imu = wheels = 0.0
         for _ in range(round(100 * seconds)):
-            self.observer.step(self._state.model_copy(update=change(self._reported())), SPEED, 0.0, known=True)
-            if (signs := self.observer.signs()) is not None:
-                self.told.add(signs)
-            imu, wheels = max(imu, self.observer.imu_off), max(wheels, self.observer.wheels_off)
+            state = self._state.model_copy(update=change(self._reported()))
+            acts, imu_reports = Acts(state.steer, 0.0, PUSHED), state.sources["imu"].valid
+            self.observer.step(state, SPEED, acts, 0.0, imu_reports, judges=True, steers=steers)
+            imu, wheels = max(imu, self.observer.imu_off), max(wheels, self.observer.side_off)
         return imu, wheels
+
+    @property
+    def true_yaw_rate(self) -> float:
+        return self._r
 
     def _reported(self) -> dict[str, float]:
         steer, ay, draw = 0.012 * math.sin(1.2 * self._t), 0.0, self._rng.gauss
@@ -62,8 +67,8 @@ class Drive:
         self._t += 0.01
         half_front, half_rear = 0.5 * CAR.track_front * self._r, 0.5 * CAR.track_rear * self._r
         return {
-            "steer": steer, "drive": CAR.mass * 1.8 / 5e4, "brake_front": 0.0, "brake_rear": 0.0,
-            "yaw_rate": self._r + draw(0, 0.0015), "ay": ay + draw(0, 0.11), "ax": 1.8 - 1.6 + draw(0, 0.11),
+            "steer": steer,
+            "yaw_rate": self._r + draw(0, 0.0015), "ay": ay + draw(0, 0.11), "ax": PUSHED - 1.6 + draw(0, 0.11),
             "wheel_speed_fl": SPEED - half_front + draw(0, 0.03), "wheel_speed_fr": SPEED + half_front + draw(0, 0.03),
             "wheel_speed_rl": SPEED - half_rear + draw(0, 0.03), "wheel_speed_rr": SPEED + half_rear + draw(0, 0.03),
         }  # fmt: skip
@@ -82,15 +87,42 @@ def test_a_steering_zero_is_learnt_and_no_fault(state: VehicleState, zero: float
     assert max(imu, wheels) < 1.0
 
 
-@pytest.mark.parametrize("signs", [MIRRORED, TURNED])
-def test_an_imu_of_another_sign_is_found_and_its_signs_are_told(
-    state: VehicleState, signs: tuple[float, float, float]
-) -> None:
+@pytest.mark.parametrize("signs", [(-1.0, -1.0, -1.0), (1.0, -1.0, -1.0)])
+def test_an_imu_of_another_sign_is_found(state: VehicleState, signs: tuple[float, float, float]) -> None:
     drive = Drive(state, 0.006)
     drive.run(10.0)
     imu, wheels = drive.run(1.0, times(signs))
     assert imu > 1.0 > wheels
-    assert drive.told == {signs}
+
+
+@pytest.mark.parametrize("wheel", ["wheel_speed_fl", "wheel_speed_rr"])
+def test_one_wheel_that_is_wrong_is_found_at_once(state: VehicleState, wheel: str) -> None:
+    drive = Drive(state)
+    drive.run(10.0)
+    assert drive.observer.wheel_off < 1.0
+    drive.run(0.05, lambda now: now | {wheel: 0.7 * now[wheel]})
+    assert drive.observer.wheel_off > 1.0
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.8, True), (0.99, False)])
+def test_wheels_that_are_all_a_fifth_wrong_do_not_fit_imu_and_engine(
+    state: VehicleState, share: float, found: bool
+) -> None:
+    drive = Drive(state)
+    drive.run(10.0)
+    before = drive.observer
+    reported = state.model_copy(update=drive._reported())
+    before.step(reported, share * SPEED, Acts(reported.steer, 0.0, PUSHED), 0.0, imu=True, judges=True, steers=True)
+    assert (before.speed_off > 1.0) is found
+
+
+@pytest.mark.parametrize("steers", [True, False])
+def test_without_the_imu_it_knows_how_the_car_turns(state: VehicleState, steers: bool) -> None:
+    """Also where the steering does not do what it reports: by the wheels."""
+    drive = Drive(state)
+    drive.run(10.0)
+    drive.run(2.0, lambda now: now | {"yaw_rate": 1.0, "steer": now["steer"] if steers else 0.0}, steers=steers)
+    assert drive.observer.yaw_rates[1] == pytest.approx(drive.true_yaw_rate, abs=0.03)
 
 
 @pytest.mark.parametrize("offset", [0.3, -0.3])
@@ -110,8 +142,15 @@ def test_wheels_of_one_side_that_are_a_fifth_wrong_are_found_and_not_the_imu(sta
     assert wheels > 1.0 > imu
 
 
+def test_with_nothing_reported_it_goes_on_as_the_tyres_have_been_learnt(state: VehicleState) -> None:
+    drive = Drive(state)
+    drive.run(10.0)
+    silent = {name: replace(source, valid=False) for name, source in state.sources.items()}
+    drive.run(1.0, lambda now: now | {"sources": silent})
+    assert drive.observer.yaw_rates[1] == pytest.approx(drive.true_yaw_rate, abs=0.03)
+
+
 def test_nothing_is_judged_where_the_steering_is_not_known(state: VehicleState) -> None:
     drive = Drive(state)
     drive.run(10.0)
-    drive.observer.step(state.model_copy(update={"yaw_rate": 1.0}), SPEED, 0.0, known=False)
-    assert drive.observer.imu_off == drive.observer.wheels_off == 0.0
+    assert drive.run(0.1, lambda now: now | {"yaw_rate": 1.0}, steers=False) == (0.0, 0.0)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from support.cars.scripted_car import Rig
 
-from hil_gateway.gateway.perceive.course import Course, CourseReader
+from hil_gateway.gateway.perceive.course import Course, CourseReader, SteadyCourse
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
-from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
@@ -18,7 +17,6 @@ from hil_gateway.gateway.perceive.positions.fixes import Fixes
 TICK_NS = 10_000_000
 RADIUS, SPEED = 150.0, 45.0
 TURN = SPEED / RADIUS
-SUSPECTS = ("yaw_rate", "acceleration", "wheels", "position")
 
 
 @pytest.fixture(scope="module")
@@ -53,21 +51,13 @@ def test_the_course_on_a_circle_is_that_of_the_circle(seed):
     assert math.hypot(course.x - RADIUS * math.sin(2.0 * TURN), course.y - RADIUS * (1 - math.cos(2.0 * TURN))) < 0.15
 
 
-@pytest.mark.parametrize("speed", [9.5, SPEED])
+@pytest.mark.parametrize("speed", [11.5, SPEED])
 def test_it_knows_by_how_much_noise_turns_it(speed):
     courses = [course for seed in range(300) if (course := circle(0.6, seed=seed, speed=speed)) is not None]
     off = [course.turn_rate - speed / RADIUS for course in courses]
     assert len(off) > 200
     assert np.std(off) == pytest.approx(courses[0].turn_noise, rel=0.15)
-
-
-@pytest.mark.parametrize(("noise", "wrong"), [(0.0, {"yaw_rate"}), (0.14, set())])
-def test_a_course_that_noise_may_have_turned_contradicts_no_gyro(noise, wrong):
-    """0.14 rad/s: that of a car at 9 m/s with fixes good to 0.02 m."""
-    monitor, course, held = CourseMonitor(), Course(0.0, 0.0, 0.0, 9.0, 0.7, noise, 0.0), None
-    for tick in range(60):
-        held = monitor.step(tick * TICK_NS, (0.3, 6.3), 9.0, (0.7, 0.7), course)
-    assert {name for name in SUSPECTS if getattr(held, name) > 0.1} == wrong
+    assert courses[0].turn_within > 5.0 * courses[0].turn_noise
 
 
 def test_without_recent_fixes_there_is_no_course():
@@ -79,68 +69,8 @@ def test_scattered_fixes_are_no_course():
     assert circle(2.0, noise=1.0) is None
 
 
-@pytest.mark.parametrize(
-    ("yaw_rate", "ay", "wheels", "wrong"),
-    [
-        (TURN, SPEED * TURN, SPEED, set()),
-        (TURN + 0.1, SPEED * TURN + 4.0, 0.93 * SPEED, set()),
-        (TURN - 0.4, SPEED * TURN, SPEED, {"yaw_rate"}),
-        (TURN, 0.0, SPEED, {"acceleration"}),
-        (TURN, SPEED * TURN, 0.8 * SPEED, {"wheels"}),
-    ],
-)
-def test_the_sensor_that_the_course_contradicts_is_named_within_half_a_second(yaw_rate, ay, wheels, wrong):
-    monitor, course, held = CourseMonitor(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0, 0.0), None
-    for tick in range(50):
-        held = monitor.step(tick * TICK_NS, (yaw_rate, ay), wheels, (TURN, TURN), course)
-    assert {name for name in SUSPECTS if getattr(held, name) > 0.1} == wrong
-
-
-@pytest.mark.parametrize("by_wheels", [TURN, TURN - 0.25])
-def test_a_course_that_imu_and_steering_contradict_is_that_of_wrong_fixes(by_wheels):
-    """Also where the wheels' difference, which long bends falsify, lies nearer to the course."""
-    monitor, held = CourseMonitor(), None
-    for tick in range(50):
-        course = Course(0.0, 0.0, 0.0, SPEED, TURN if tick < 38 else TURN - 0.4, 0.0, 0.0)
-        held = monitor.step(tick * TICK_NS, (TURN, SPEED * TURN), SPEED, (by_wheels, TURN), course)
-    assert {name for name in SUSPECTS if getattr(held, name) > 0.1} == {"position"}
-
-
-@pytest.mark.parametrize(
-    ("gyro", "wheels", "steered", "outvoted"),
-    [
-        (0.0, TURN, TURN, True),
-        (-TURN, 0.8 * TURN, 2.0 * TURN, True),
-        (0.0, 0.0, TURN, False),
-        (0.0, TURN, 0.0, False),
-        (TURN - 0.1, TURN, TURN, False),
-    ],
-)
-def test_a_gyro_is_blamed_for_fixes_that_do_not_fit_where_steering_and_wheels_side_with_them(
-    gyro, wheels, steered, outvoted
-):
-    witness, course = TurnWitness(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0, 0.0)
-    rates = gyro, wheels, steered
-    assert [witness.step(rates, course, suspect=True) for _ in range(40)][-1] is outvoted
-    assert not witness.step(rates, None, suspect=True), "there is no course"
-    assert not witness.step(rates, course, suspect=False), "fixes fit"
-
-
-@pytest.mark.parametrize("fit_again", [False, True])
-def test_fixes_that_steering_and_wheels_have_contradicted_blame_no_gyro_under_the_brakes(fit_again):
-    """A ramp of fixes in a bend; under the brakes of the stop steering and wheels come nearer to it than the gyro."""
-    witness = TurnWitness()
-    ramp, later = (Course(0.0, 0.0, 0.0, SPEED, turn, 0.0, 0.0) for turn in (3.0 * TURN, 1.5 * TURN))
-    for _ in range(20):
-        assert not witness.step((TURN, 0.8 * TURN, 1.1 * TURN), ramp, suspect=True)
-    for _ in range(40 if fit_again else 0):
-        witness.step((TURN, 1.4 * TURN, 1.5 * TURN), None, suspect=False)
-    outvoted = [witness.step((TURN, 1.4 * TURN, 1.5 * TURN), later, suspect=True) for _ in range(60)]
-    assert any(outvoted) is fit_again
-
-
 def test_fixes_that_lie_on_a_curve_by_chance_judge_no_sensor():
-    steady, course = SteadyCourse(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0, 0.0)
+    steady, course = SteadyCourse(), Course(0.0, 0.0, 0.0, SPEED, TURN)
     assert [steady.step(course) for _ in range(60)][-1] is course
     steady.step(None)
     assert not any(steady.step(course) for _ in range(30))
@@ -153,7 +83,7 @@ def test_a_reckoning_that_restarts_goes_on_from_the_fixes(rig):
     )
     standing = rig.gateway.builder.build(rig.now_ns, 9, 1, 0)
     reckoning.step(rig.now_ns, standing, Motion(40.0), start)
-    reckoning.restart(rig.now_ns, Course(10.0, 5.0, 0.1, 40.0, 0.0, 0.0, 0.0))
+    reckoning.restart(rig.now_ns, Course(10.0, 5.0, 0.1, 40.0, 0.0))
     pose = reckoning.step(rig.now_ns + TICK_NS, standing, Motion(40.0, by_gyro=False), None)
     assert pose is not None and pose.yaw == 0.1
     assert (pose.x, pose.y) == pytest.approx((10.0 + 0.4 * math.cos(0.1), 5.0 + 0.4 * math.sin(0.1)))

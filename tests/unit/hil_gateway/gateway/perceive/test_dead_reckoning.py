@@ -101,24 +101,6 @@ def test_a_pose_that_drifting_fixes_have_led_aside_is_moved_back_at_once(rig):
     assert (reckoning.pose.x, reckoning.pose.y) == (0.0, 0.0)
 
 
-def test_a_repaired_gyro_whose_heading_drifts_is_held_by_the_fixes(rig):
-    """0.02 rad/s of offset that are left."""
-    reckoning = DeadReckoning(REAR)
-    reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig))
-    for tick in range(1, 401):
-        fixed = state(rig, position_seq=tick // 5, position_x=0.4 * tick)
-        motion = Motion(40.0, 0.02, repaired=True)
-        pose = reckoning.step(rig.now_ns + tick * TICK_NS, fixed, motion, None)
-    assert pose is not None
-    assert abs(pose.yaw) < 0.02
-
-
-def test_a_fix_that_jumps_is_no_fix(rig):
-    x, y = on_circle(1.0)
-    pose = circle(rig, 1.0, {50: (x + 500.0, y)})
-    assert (pose.x, pose.y) == pytest.approx((x, y), abs=0.01)
-
-
 def test_after_a_long_way_without_a_fix_a_distant_one_is_taken(rig):
     """Blind for 120 m the pose may be metres off: what would be a jump at once is news then."""
     x, y = on_circle(3.0)

@@ -76,7 +76,7 @@ def test_a_car_that_a_bank_presses_beyond_the_range_of_its_imu_keeps_its_gyro() 
 def test_a_car_at_constant_speed_is_driven() -> None:
     """Wheels are never the same to the last bit, as those of a real car."""
     rig = moving()
-    rig.hooks.append(lambda rig: rig.car.overrides.update(wheel_speed_FL=108.0 + 0.01 * (rig.tick % 7)))
+    rig.hooks.append(lambda rig: rig.car.overrides.update(wheel_speed_FL=3.6 * rig.car.speed + 0.01 * (rig.tick % 7)))
     rig.run(5.0)
     assert rig.action is FailsafeAction.DRIVE
 

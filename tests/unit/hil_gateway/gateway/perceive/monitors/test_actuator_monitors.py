@@ -93,7 +93,7 @@ def imu_wrong_in_a_slide(turned: Motor) -> bool:
     push, and as neither wheels nor fixes say."""
     rig = Rig()
     rig.run(0.05)
-    monitors, course = Monitors(Config(), None), Course(0.0, 0.0, 0.0, SPEED, 0.0, 0.0, 0.0)
+    monitors, course = Monitors(Config(), None), Course(0.0, 0.0, 0.0, SPEED, 0.0)
     for tick in range(230):
         steer = turned(tick) / CAR.steering_ratio
         yaw_rate = 0.5 * SPEED * math.tan(steer) / CAR.wheelbase if tick < 200 else 1.6
