@@ -71,12 +71,12 @@ class Observer:
         return float(self._lateral.main.mean[lateral.R]), float(self._lateral.without.mean[lateral.R])
 
     def step(  # noqa: PLR0917 - what there is in a period
-        self, state: VehicleState, speed: float, acts: Acts, gravity_across: float, imu: bool, judges: bool,
-        steers: bool,
+        self, state: VehicleState, speed: float, rolled: float, acts: Acts, gravity_across: float, imu: bool,
+        judges: bool, steers: bool,
     ) -> None:  # fmt: skip
-        """`speed` of the car, m/s; `gravity_across` as the map has it, m/s2; whether the `imu` reports; whether what
-        contradicts the rest `judges` it: steering, pedals and tyres are what they are taken for; whether the car
-        `steers` as `acts` says."""
+        """`speed` of the car, and with which its wheels have `rolled`, m/s; `gravity_across` as the map has it, m/s2;
+        whether the `imu` reports; whether what contradicts the rest `judges` it: steering, pedals and tyres are what
+        they are taken for; whether the car `steers` as `acts` says."""
         self._asked.append(acts.pushing - acts.braking)
         self._forget()
         self.runs = speed > SLOWEST
@@ -94,7 +94,7 @@ class Observer:
         changed = max(self._asked) - min(self._asked)
         self._lateral.step(turning, (wheels, wheels, True), imu)
         self._longitudinal.step(
-            longitudinal.LongitudinalPeriod(PERIOD_S, braking, pushing, changed, speed, state.ax), (wheels,), imu
+            longitudinal.LongitudinalPeriod(PERIOD_S, braking, pushing, changed, rolled, state.ax), (wheels,), imu
         )
         if judges and steers:
             self._judge(wheels, imu)

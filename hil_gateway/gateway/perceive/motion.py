@@ -127,8 +127,9 @@ class MotionReader:
         self._last_ns = now_ns
         self._asked.append(0.0 if commanded is None else commanded.steering_motor)
         acts = self._acts(state, commanded)
-        speed = self._speed(state, dt, acts, course, commanded)
-        self._observe(state, speed, acts)
+        rolled = self._second_fastest(state) * (1.0 + NOISE.slip_share * acts.braking)
+        speed = self._speed(state, dt, rolled, acts, course, commanded)
+        self._observe(state, speed, rolled, acts)
         if self._gyro(state) and self._wheels(state) and speed > SLOWEST:
             self._learn(state, speed, acts)
         share = dt / (dt + self._turns_in_s * speed + 1e-9)
@@ -172,11 +173,11 @@ class MotionReader:
         asked = 0.0 if commanded is None else commanded.brake_front + commanded.brake_rear
         return Acts(steer, asked * self._per_pa, 0.0)
 
-    def _observe(self, state: VehicleState, speed: float, acts: Acts) -> None:
+    def _observe(self, state: VehicleState, speed: float, rolled: float, acts: Acts) -> None:
         judged, sources = self.judged, state.sources
         imu = sources["imu"].valid and not judged.imu_gone
         known = sources["steering"].valid and sources["pedals"].valid and not judged.imu_gone and judged.tyres
-        self._observer.step(state, speed, acts, judged.gravity_across, imu, known, judged.steers)
+        self._observer.step(state, speed, rolled, acts, judged.gravity_across, imu, known, judged.steers)
         if self._observer.runs:
             self._observed.append((*self._observer.yaw_rates, state.yaw_rate))
         else:
@@ -228,12 +229,12 @@ class MotionReader:
         braked = self._under_brakes.ratio(BRAKED_UNDERSTEER * understeer)
         return _Taught(understeer, min(max(braked, -UNDERSTEER), UNDERSTEER_MOST))
 
-    def _speed(
-        self, state: VehicleState, dt: float, acts: Acts, course: Course | None, commanded: ActuatorPositions | None
-    ) -> float:
+    def _speed(  # noqa: PLR0917 - what it is taken from
+        self, state: VehicleState, dt: float, rolled: float, acts: Acts, course: Course | None,
+        commanded: ActuatorPositions | None,
+    ) -> float:  # fmt: skip
         if self._wheels(state):
-            by_wheels = self._second_fastest(state) * (1.0 + NOISE.slip_share * acts.braking)
-            return max(by_wheels, self.motion.speed - self._slowing_most * dt)
+            return max(rolled, self.motion.speed - self._slowing_most * dt)
         if course is not None:
             return course.speed
         rolls = commanded is not None and commanded.accelerator <= 0.0

@@ -48,7 +48,7 @@ class Drive:
         for _ in range(round(100 * seconds)):
             state = self._state.model_copy(update=change(self._reported()))
             acts, imu_reports = Acts(state.steer, 0.0, PUSHED), state.sources["imu"].valid
-            self.observer.step(state, SPEED, acts, 0.0, imu_reports, judges=True, steers=steers)
+            self.observer.step(state, SPEED, SPEED, acts, 0.0, imu_reports, judges=True, steers=steers)
             imu, wheels = max(imu, self.observer.imu_off), max(wheels, self.observer.side_off)
         return imu, wheels
 
@@ -110,10 +110,9 @@ def test_wheels_that_are_all_a_fifth_wrong_do_not_fit_imu_and_engine(
 ) -> None:
     drive = Drive(state)
     drive.run(10.0)
-    before = drive.observer
-    reported = state.model_copy(update=drive._reported())
-    before.step(reported, share * SPEED, Acts(reported.steer, 0.0, PUSHED), 0.0, imu=True, judges=True, steers=True)
-    assert (before.speed_off > 1.0) is found
+    observer, now = drive.observer, state.model_copy(update=drive._reported())
+    observer.step(now, SPEED, share * SPEED, Acts(now.steer, 0.0, PUSHED), 0.0, imu=True, judges=True, steers=True)
+    assert (observer.speed_off > 1.0) is found
 
 
 @pytest.mark.parametrize("steers", [True, False])

@@ -138,6 +138,17 @@ def test_in_a_bend_the_outer_wheels_do_not_make_the_car_faster(steer: float) -> 
     assert reader.motion.speed == pytest.approx(20.0, rel=0.004)
 
 
+@pytest.mark.parametrize(("share", "found"), [(0.8, True), (0.99, False)])
+def test_wheels_that_all_lose_a_fifth_of_their_speed_at_once_are_seen(share: float, found: bool) -> None:
+    """Although the speed that a stop goes by falls no faster than tyres can make it."""
+    reader, state = made(), driving(40.0, 0.0, sources=True)
+    now_ns = run(reader, state, 3.0, 0, ActuatorPositions(0.0, 0.1, 0.0, 0.0, 4))
+    slower = {f"wheel_speed_{wheel}": share * 40.0 for wheel in ("fl", "fr", "rl", "rr")}
+    run(reader, state.model_copy(update=slower), 0.05, now_ns, ActuatorPositions(0.0, 0.1, 0.0, 0.0, 4))
+    assert (reader._observer.speed_off > 1.0) is found
+    assert reader.motion.speed > 0.9 * 40.0
+
+
 @pytest.mark.parametrize("deceleration", [12.0, 25.0])
 def test_the_hardest_braking_of_the_last_half_second_counts(deceleration: float) -> None:
     watch = Braked(CONFIG)
