@@ -55,7 +55,7 @@ def print_report(report: Report, console: Console) -> None:
     else:
         console.print("nothing stands in the way of arming", style="bold green")
     worst = "green" if report.failures == 0 else "bold red"
-    console.print(f"{report.failures} failures, {report.warnings} warnings", style=worst, highlight=False)
+    console.print(f"failures: {report.failures}, warnings: {report.warnings}", style=worst, highlight=False)
 
 
 def _findings_table(findings: Sequence[Finding]) -> RenderableType:

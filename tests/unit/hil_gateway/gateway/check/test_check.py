@@ -185,5 +185,6 @@ def test_the_printed_report_names_trouble_and_what_arming_needs() -> None:
     console = Console(width=140, file=io.StringIO())
     print_report(result, console)
     text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert f"failures: {result.failures}, warnings: {result.warnings}" in text
     for words in ("wheel_speed_report", "missing", "state_invalid", "failures", "0x515"):
         assert words in text
