@@ -22,11 +22,11 @@ from hil_gateway.gateway.perceive.road_speed import STANDSTILL, rests, road_spee
 from hil_gateway.process.clock import NS_PER_S
 
 ACROSS = 0.08
-"""of the way: side slip of 0.08 rad, the most the tyres hold, that the reckoned heading leaves out"""
+"""of the way: side slip of 0.08 rad beyond what goes with the lateral force, in a slide"""
 ALONG = 0.06
 """of the way: slip of the wheels when driven or braked hard"""
 SHARE = 0.12
-"""of the way that fixes may lead aside or ahead on average: side slip (0.08) and unequal rolling radii (0.05)"""
+"""of the way that fixes may lead aside or ahead on average: slides (0.08) and unequal rolling radii (0.05)"""
 AVERAGED = 0.1
 """weight of a fix in that average: half a second"""
 WRONG = 4.0
@@ -44,7 +44,7 @@ class PositionMonitor:
         self._seq = 0
         self._last_ns: int | None = None
         self._reference: tuple[float, float, float] | None = None
-        """x, y, yaw carried on from the last fix that agreed; None before it"""
+        """x, y and direction of motion carried on from the last fix that agreed; None before it"""
         self._way_m = 0.0
         self._place: tuple[float, float] | None = None
         """the last fix that agreed, of a car that is slow or has no heading, since which it has gone so far"""
@@ -139,15 +139,15 @@ class PositionMonitor:
     def _carry_on(self, motion: Motion, dt: float) -> None:
         if self._reference is None:
             return
-        x, y, yaw = self._reference
-        middle = yaw + 0.5 * motion.yaw_rate * dt
+        x, y, course = self._reference
+        middle = course + 0.5 * motion.yaw_rate * dt
         way = motion.speed * dt
-        self._reference = x + way * math.cos(middle), y + way * math.sin(middle), yaw + motion.yaw_rate * dt
+        self._reference = x + way * math.cos(middle), y + way * math.sin(middle), course + motion.yaw_rate * dt
         self._way_m += way
 
     def _judge(self, x: float, y: float, motion: Motion, pose: Pose) -> None:
         if self._reference is None:
-            self._reference, self._way_m = (x, y, pose.yaw), 0.0
+            self._reference, self._way_m = (x, y, pose.yaw + pose.slip), 0.0
             return
         along, across = self._offset(x, y)
         agrees = self._agrees(along, across, motion.speed)
@@ -163,19 +163,19 @@ class PositionMonitor:
     def _offset(self, x: float, y: float) -> tuple[float, float]:
         """How far a fix lies ahead and to the left of the place carried on, m."""
         assert self._reference is not None
-        x0, y0, yaw = self._reference
-        cos, sin = math.cos(yaw), math.sin(yaw)
+        x0, y0, course = self._reference
+        cos, sin = math.cos(course), math.sin(course)
         return cos * (x - x0) + sin * (y - y0), cos * (y - y0) - sin * (x - x0)
 
     def _take(self, along: float, across: float, pose: Pose) -> None:
         """Go on from an agreeing fix, but not from its lateness: the next one, in time, would lead too far."""
         assert self._reference is not None
-        x, y, yaw = self._reference
+        x, y, course = self._reference
         most = self._tolerance + ALONG * self._way_m
         along = max(-most, min(along, most))
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        yaw = pose.yaw if self._level <= 0.0 else yaw
-        self._reference, self._way_m = (x + cos * along - sin * across, y + sin * along + cos * across, yaw), 0.0
+        cos, sin = math.cos(course), math.sin(course)
+        course = pose.yaw + pose.slip if self._level <= 0.0 else course
+        self._reference, self._way_m = (x + cos * along - sin * across, y + sin * along + cos * across, course), 0.0
 
     def _agrees(self, along: float, across: float, speed: float) -> bool:
         longest = self._tolerance + ALONG * self._way_m + JITTER_S * speed

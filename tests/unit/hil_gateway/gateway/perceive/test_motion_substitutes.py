@@ -131,6 +131,15 @@ def test_a_course_that_gyro_wheels_and_steering_contradict_is_that_of_wrong_fixe
     assert reader.contradicts(None) == 0.0
 
 
+@pytest.mark.parametrize("force", [0.0, 16.0])
+def test_a_course_that_the_force_confirms_is_that_of_a_car_that_slides(force: float) -> None:
+    speed, reader, coasts = 40.0, made(), ActuatorPositions(0.0, 0.1, 0.0, 0.0, 4)
+    straight = driving(speed, 0.0, sources=True)
+    now_ns = run(reader, straight, 3.0, 0, coasts)
+    run(reader, straight.model_copy(update={"ay": force}), 0.5, now_ns, coasts)
+    assert (reader.contradicts(Course(0.0, 0.0, 0.0, speed, 0.4)) > 1.0) is (force == 0.0)
+
+
 @pytest.mark.parametrize("steer", [-0.1, 0.1])
 def test_in_a_bend_the_outer_wheels_do_not_make_the_car_faster(steer: float) -> None:
     reader, state = made(), driving(20.0, steer, sources=True)

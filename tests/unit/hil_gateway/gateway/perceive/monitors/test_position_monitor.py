@@ -22,10 +22,10 @@ Place = Callable[[float, float], float]
 
 def judged(
     speed: float, decelerating: float, says: Place, late_s: float = 0.0, heading: bool = True,
-    *, rolling: float = 1.0, stopping: bool = False,
+    *, rolling: float = 1.0, stopping: bool = False, slip: float = 0.0,
 ) -> PositionMonitor:  # fmt: skip
-    """A car on a straight whose wheels go with `rolling` of its speed, a fix every 50 ms, of which every thirteenth is
-    late."""
+    """A car on a straight whose wheels go with `rolling` of its speed, with its nose off by its side `slip` (rad), a
+    fix every 50 ms, of which every thirteenth is late."""
     rig = Rig()
     rig.run(0.05)
     state, noise = rig.gateway.seen[0], np.random.default_rng(5)
@@ -41,7 +41,7 @@ def judged(
             seq += 1
             place = {"position_x": coming.popleft()[1], "position_y": noise.normal(0.0, 0.02)}
             state = state.model_copy(update={"position_seq": seq, **place})
-        wheels, pose = rolling * now, Pose(x, 0.0, 0.0, now) if heading else None
+        wheels, pose = rolling * now, Pose(x, 0.0, -slip, now, slip) if heading else None
         state = state.model_copy(update=dict.fromkeys(WHEELS, wheels))
         monitor.step(round(t * 1e9), state, Motion(speed=wheels), pose, rolls=not stopping)
     return monitor
@@ -52,6 +52,11 @@ def judged(
 @pytest.mark.parametrize("late_s", [0.02, 0.03, 0.04, 0.08])
 def test_single_late_fixes_stop_no_car(speed: float, decelerating: float, late_s: float) -> None:
     assert not judged(speed, decelerating, lambda t, x: x, late_s).wrong
+
+
+@pytest.mark.parametrize("slip", [-0.16, 0.16])
+def test_a_car_that_slides_is_where_it_goes_and_not_where_it_points(slip: float) -> None:
+    assert not judged(60.0, 0.0, lambda t, x: x, slip=slip).wrong
 
 
 @pytest.mark.parametrize("speed", [30.0, 60.0, 80.0])
