@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from hil_gateway.cli.process_app import process_app
+from hil_gateway.cli.groups import process_app
 from hil_gateway.config import load_config
 from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.figures import figure, print_json

@@ -14,7 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import can_dbc
-from hil_gateway.cli.group import Group
+from hil_gateway.cli.groups import Group
 from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, EXIT_SIGNAL, InputError, one_line
 from hil_gateway.process.lifecycle import Interrupt, end_with_parent
 

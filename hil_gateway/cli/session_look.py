@@ -27,7 +27,7 @@ def view(
     from hil_gateway.dashboard.recording import Recording, create_app
     from hil_gateway.dashboard.server import listen, serve
     from hil_gateway.session.files.configuration import recorded_config
-    from hil_gateway.session.files.run import newest_in
+    from hil_gateway.session.run import newest_in
     from hil_gateway.track.loading import load_track
 
     listener = listen(LOOPBACK, port)

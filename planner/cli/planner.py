@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hil_gateway.cli.process_app import process_app
+from hil_gateway.cli.groups import process_app
 
 app = process_app(
     "planner", "planner.process", "Infomax MPCC: plans and commands.",

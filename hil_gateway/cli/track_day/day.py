@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hil_gateway.cli.group import Group
+from hil_gateway.cli.groups import Group
 from hil_gateway.process.figures import print_json
 
 SHOW = "show"

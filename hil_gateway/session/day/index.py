@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.run import runs_below
 from hil_gateway.session.overview.catalogue import STORED_EVERY
 from hil_gateway.session.overview.info import recording_info
+from hil_gateway.session.run import runs_below
 
 INDEX = ".hil-day.json"
 VERSION = 4

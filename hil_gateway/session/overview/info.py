@@ -20,13 +20,13 @@ from hil_gateway.session.exchange.importer import open_named
 from hil_gateway.session.files.chunk import MESSAGE, Messages
 from hil_gateway.session.files.format import MessageError, recorded_source, source_places
 from hil_gateway.session.files.reader import Item, SessionReader, Stream
-from hil_gateway.session.files.run import run_of, runs_below
 from hil_gateway.session.files.two_readers import in_turn
 from hil_gateway.session.logs.bag import KINDS
 from hil_gateway.session.logs.entry import CUT_OFF
 from hil_gateway.session.logs.raw_bag import Bag, bag_files, is_mcap, is_recording, is_sqlite
 from hil_gateway.session.logs.source import Source
 from hil_gateway.session.overview.summary import RunStory, looked_at
+from hil_gateway.session.run import run_of, runs_below
 from hil_gateway.track.lap_clock import Mark
 
 

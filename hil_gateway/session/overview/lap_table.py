@@ -13,7 +13,7 @@ from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import lap_time
 from hil_gateway.session.drive_table import DriveTable, read_drive_table
-from hil_gateway.session.files.run import run_of
+from hil_gateway.session.run import run_of
 from hil_gateway.track.lap_clock import Lap, LapClock
 from hil_gateway.track.track import Track
 

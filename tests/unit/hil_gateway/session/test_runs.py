@@ -15,8 +15,8 @@ from hil_gateway.bus import messages as m
 from hil_gateway.bus.topics import ESTIMATE, GATEWAY_STATUS
 from hil_gateway.cli.main import app
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.run import newest_in, run_of, runs_in
 from hil_gateway.session.files.writer import SessionFile
+from hil_gateway.session.run import newest_in, run_of, runs_in
 from hil_gateway.track.loading import load_track
 
 

@@ -1,14 +1,25 @@
-"""Sub-commands that every process with a vehicle model has in common."""
+"""What groups of commands have in common: their help, and the sub-command of a process with a vehicle model."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from hil_gateway.config import load_config
+LONGEST_SENTENCE = 200
+"""characters: what a command does is one sentence"""
+
+
+class Group(TyperGroup):
+    """Lists its commands in whole sentences; typer's own list breaks them off where its line ends."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        rows = [(name, self.commands[name].get_short_help_str(LONGEST_SENTENCE)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
 
 
 def process_app(section: str, node: str, about: str, run_help: str) -> typer.Typer:
@@ -28,6 +39,8 @@ def process_app(section: str, node: str, about: str, run_help: str) -> typer.Typ
         config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
         model: Annotated[str, typer.Option(help="model revision (JSON) to start from")] = "",
     ) -> None:
+        from hil_gateway.config import load_config
+
         import_module(node).run(load_config(config, {f"{section}.model": model} if model else None))
 
     return app
