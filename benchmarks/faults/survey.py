@@ -1,8 +1,8 @@
 """Survey of faults: random cars, places and orders of faults, all drawn from one seed before anything is driven.
 
-A track gets one random car. Every fault of the model and some pairs are dealt to places of the first two laps, and from
-every place the car also drives on without a fault: a place from where it leaves the road or stops by itself judges no
-fault.
+A track gets one random car. Every fault of the model and some pairs are dealt to places of the first two laps, one of
+them in the first seconds after arming, and from every place the car also drives on without a fault: a place from where
+it leaves the road or stops by itself judges no fault.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from benchmarks.faults.car_campaign import (
     summary,
 )
 
-FIRST_S, LAST_S = 14.0, 80.0
-"""between which the places are: from the first place at speed to the second lap"""
-PLACES = 6
-"""a track"""
+ARMED_S, FAST_S, LAST_S = 2.0, 14.0, 80.0
+"""s of driving: the car is armed, at speed, in its second lap"""
+PLACES = 7
+"""a track, the first of them before the car is at speed"""
 PAIRS = 6
 """a track"""
 LEAST_KEPT = 0.99
@@ -54,7 +54,7 @@ def draw(seed: int, number: int, track: str) -> Survey:
     rng = random.Random(NOISES * seed + number)
     deck: list[Pair] = [*SINGLE, *pairs(NOISES * seed + number, PAIRS)]
     rng.shuffle(deck)
-    times_s = sorted(rng.uniform(FIRST_S, LAST_S) for _ in range(PLACES))
+    times_s = sorted([rng.uniform(ARMED_S, FAST_S), *(rng.uniform(FAST_S, LAST_S) for _ in range(1, PLACES))])
     dealt = [((NOTHING,), *deck[place::PLACES]) for place in range(PLACES)]
     numbered = [tuple((NOISES * place + n, pair) for n, pair in enumerate(hand)) for place, hand in enumerate(dealt)]
     return Survey(track, NOISES * seed + number, tuple(zip(times_s, numbered, strict=True)))
