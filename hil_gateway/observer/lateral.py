@@ -85,6 +85,8 @@ class LateralNoise:
     slip_per_force: float = 0.002
     """of the speed of a wheel a m/s2 of engine or brakes: half of what slicks slip (0.004), as the inner wheel carries
     less"""
+    slip_at_limit: float = 1.0
+    """of the speed of a wheel: under brakes that take all of the grip it locks, and says nothing"""
     slip_s: float = 0.3
     """its time constant: brakes and throttle move as fast"""
     wheels: float = 0.025
@@ -164,12 +166,13 @@ class Turning:
     def noise(self, x: Expr) -> Expr:
         """Variances that the period adds."""
         u, n, (front, rear) = self.u, NOISE, self._saturation(x)
-        braked = n.force_braked * (self._along / (x[MU] * self._pressed)) ** 2
+        used = self._along / (x[MU] * self._pressed)
+        braked, locks = n.force_braked * used**2, n.slip_at_limit * used**4
         coloured = {
             EF: n.force + n.force_at_limit * front**4 + braked,
             ER: n.force + n.force_at_limit * rear**4 + braked,
-            WF: n.slip + n.slip_per_force * u.braking * u.speed / self.car.track_front,
-            WR: n.slip + n.slip_per_force * (u.braking + u.pushing) * u.speed / self.car.track_rear,
+            WF: n.slip + (n.slip_per_force * u.braking + locks) * u.speed / self.car.track_front,
+            WR: n.slip + (n.slip_per_force * (u.braking + u.pushing) + locks) * u.speed / self.car.track_rear,
             GB: n.gravity,
         }
         added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in coloured.items()]

@@ -42,13 +42,22 @@ class Drive:
         self._state, self._zero, self._rng = state, zero, random.Random(3)
         self.observer, self._t, self._vy, self._r = Observer(CONFIG), 0.0, 0.0, 0.0
 
-    def run(self, seconds: float, change: Change = dict, *, steers: bool = True) -> tuple[float, float]:
-        """Largest shares of chance that the IMU and both axles' wheels came to."""
+    def run(
+        self, seconds: float, change: Change = dict, *, steers: bool = True, braking: float = 0.0
+    ) -> tuple[float, float]:
+        """Largest shares of chance that the IMU and both axles' wheels came to; with `braking` (m/s2) the car becomes
+        slower in the wheels' speeds and for the IMU alone."""
         imu = wheels = 0.0
-        for _ in range(round(100 * seconds)):
-            state = self._state.model_copy(update=change(self._reported()))
-            acts, imu_reports = Acts(state.steer, 0.0, PUSHED), state.sources["imu"].valid
-            self.observer.step(state, SPEED, SPEED, acts, 0.0, imu_reports, judges=True, steers=steers)
+        pushed = 0.0 if braking else PUSHED
+        for tick in range(round(100 * seconds)):
+            reported = self._reported()
+            slower = {name: value - 0.01 * tick * braking for name, value in reported.items() if "wheel" in name}
+            state = self._state.model_copy(
+                update=change(reported | slower | {"ax": reported["ax"] - PUSHED + pushed - braking})
+            )
+            acts, imu_reports = Acts(state.steer, braking, pushed), state.sources["imu"].valid
+            speed = SPEED - 0.01 * tick * braking
+            self.observer.step(state, speed, speed, acts, 0.0, imu_reports, judges=True, steers=steers)
             imu, wheels = max(imu, self.observer.imu_off), max(wheels, self.observer.side_off)
         return imu, wheels
 
@@ -129,6 +138,14 @@ def test_a_gyro_that_is_off_is_found_at_once(state: VehicleState, offset: float)
     drive = Drive(state)
     drive.run(10.0)
     assert drive.run(0.05, lambda now: now | {"yaw_rate": now["yaw_rate"] + offset})[0] > 1.0
+
+
+@pytest.mark.parametrize("wheel", ["wheel_speed_fr", "wheel_speed_rl"])
+def test_a_wheel_that_locks_under_the_brakes_does_not_make_the_imu_wrong(state: VehicleState, wheel: str) -> None:
+    drive, turns = Drive(state), iter(range(1000))
+    drive.run(20.0)
+    imu, _ = drive.run(0.4, lambda r: r | {wheel: (1.0 - 0.02 * next(turns)) * r[wheel]}, braking=16.0)
+    assert imu < 0.5
 
 
 @pytest.mark.parametrize("share", [0.8, 1.2])
