@@ -14,6 +14,7 @@ from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, SILENT_S, Comparison, ConditionTime
 from hil_gateway.gateway.perceive.inbox import usable
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
+from hil_gateway.gateway.perceive.monitors.imu import QuietMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import INNER, Braked
@@ -50,6 +51,7 @@ class Monitors:
         self.position = PositionMonitor(config.placing.noise)
         self._steady = SteadyCourse()
         self._imu, self._side, self._wheel, self._speed, self._by_fixes, self._turn = (Comparison() for _ in range(6))
+        self._quiet = QuietMonitor(car)
         self._braked = Braked(config)
         self._following = FollowingMonitor(car)
         self._reversed = ReversedMonitor(car)
@@ -59,7 +61,8 @@ class Monitors:
         self._steering_off = self._steering_doubted = False
         """whether the steering does not report what it is asked for: now, or since a stop began"""
         self._imu_gone, self._imu_missed = False, ConditionTime()
-        """whether it alone was silent or implausible during this stop: where it comes back it may be late"""
+        """whether it no longer measures, or alone was silent or implausible during this stop: where it comes back it may
+        be late"""
         self._estimate_gone = False
         """whether there was none during this stop: what comes back has a gap, which what is reckoned has not"""
         self._without_wheels, self._without_imu = ConditionTime(), ConditionTime()
@@ -146,7 +149,8 @@ class Monitors:
         braked = self._braked.step(self.motion.pressed(state), speed)
         steady = self._steady.step(course)
         fixes = None if self.position.wrong and not self.imu_wrong else steady
-        imu = self._imu.update(observer.imu_off, now_ns)
+        off_s = self._imu.update(observer.imu_off, now_ns)
+        imu = INFINITE if self._quiet.found else off_s
         side = self._side.update(observer.side_off, now_ns)
         one = self._wheel.update(observer.wheel_off if braked < INNER else 0.0, now_ns)
         changes = self._speed.update(observer.speed_off if both else 0.0, now_ns)
@@ -159,10 +163,11 @@ class Monitors:
         return SensorMonitors(imu, max(one, side), changes, fixes is not None, slipping)
 
     def _miss(self, now_ns: int, state: VehicleState) -> None:
-        """An IMU that is gone while the wheels go on reporting."""
+        """An IMU that no longer measures, or is gone while the wheels go on reporting."""
+        self._quiet.step(state, self.motion.motion.speed)
         alone = state.sources["wheel_speeds"].valid and not state.sources["imu"].valid
         held_s = self._imu_missed.update(alone, now_ns)
-        self._imu_gone = self._stopping and (self._imu_gone or held_s > SILENT_S)
+        self._imu_gone = self._quiet.found or (self._stopping and (self._imu_gone or held_s > SILENT_S))
 
     def _distrust(self, sensors: SensorMonitors, along_s: float) -> None:
         """From a first contradiction of the IMU, which has `along_s` along the car, no estimate is believed; after some
