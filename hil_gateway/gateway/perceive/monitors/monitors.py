@@ -61,8 +61,7 @@ class Monitors:
         self._steering_off = self._steering_doubted = False
         """whether the steering does not report what it is asked for: now, or since a stop began"""
         self._imu_gone, self._imu_missed = False, ConditionTime()
-        """whether it no longer measures, or alone was silent or implausible during this stop: where it comes back it may
-        be late"""
+        """whether it no longer measures, or was silent or implausible alone in this stop: it may come back late"""
         self._estimate_gone = False
         """whether there was none during this stop: what comes back has a gap, which what is reckoned has not"""
         self._without_wheels, self._without_imu = ConditionTime(), ConditionTime()
