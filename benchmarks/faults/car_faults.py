@@ -160,10 +160,10 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault("IMU missing", IMU, ("state_invalid",), 0.15, "its age", _lost),
     CarFault("IMU frozen", IMU, ("state_invalid",), 0.35, "noise changes the last bit of every frame", _frozen),
     CarFault(
-        "IMU constant with dither", IMU, _MOTION, 6.0, "steering, wheels, pedals, when they move",
+        "IMU constant with dither", IMU, _MOTION, 6.0, "its own noise; steering, wheels, pedals, when they move",
         _dithering
     ),
-    CarFault("IMU near zero", IMU, _MOTION, 6.0, "steering, wheels, pedals, when they move", _scaled(0.02, *INERTIAL)),
+    CarFault("IMU near zero", IMU, _MOTION, 6.0, "its own noise; steering, wheels, pedals", _scaled(0.02, *INERTIAL)),
     CarFault(
         "IMU sign flipped", IMU, _MOTION, 6.0,
         "steering and wheels in the next bend, or engine, brakes and wheels",
@@ -252,7 +252,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     ),
     CarFault(
         "wheel speeds front and rear swapped", WHEELS, ("wheel_speed_wrong", *_MOTION), 6.0,
-        "the other axle in a bend, engine and brakes", _axles_swapped,
+        "the other axle in a bend, engine and brakes; often not at all", _axles_swapped,
     ),
     CarFault(
         "second sender of wheel speeds", WHEELS, ("sender_doubled", "wheel_speed_wrong", *_MOTION, "state_invalid"),

@@ -27,10 +27,10 @@ OLDEST_S = 0.15
 WEAVES_M, DEVIATIONS = 0.15, 7.5
 """of a car that weaves from a parabola, and of what fixes scatter beside it in standard deviations: further apart,
 fixes are wrong"""
-LATERAL = 7.0
-"""m/s2 of a car whose side slip builds up, and lag of the course: one that turns by more off is wrong"""
 DOUBTED = 1.0 / 3.0
 """of that, root mean square, beyond which fixes say no course"""
+LATERAL = 7.0
+"""m/s2 that a course may be off gyro and force, across: side slip that builds up, and its lag"""
 
 
 class Course(NamedTuple):

@@ -24,6 +24,7 @@ from hil_gateway.bus.messages import (
     OperatorCommand,
     Plan,
     PlanStatus,
+    VehicleState,
 )
 from hil_gateway.can_link import Frame, VirtualWire
 from hil_gateway.car.vehicle import GRAVITY
@@ -265,3 +266,11 @@ class Rig:
             x=x, y=zero, yaw=zero, vx=(40.0,) * points, s=x, steer=zero, drive=zero, lap=0, revision="-", solve_ms=1.0,
         )  # fmt: skip
         return plan.model_copy(update=self.plan_changes)
+
+
+def reported_state() -> VehicleState:
+    """Of a car that has reported for 0.2 s and stands."""
+    rig = Rig()
+    rig.run(0.2)
+    assert rig.gateway.seen is not None
+    return rig.gateway.seen[0]

@@ -6,7 +6,7 @@ import random
 from dataclasses import replace
 
 import pytest
-from support.cars.scripted_car import Rig
+from support.cars.scripted_car import reported_state
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.car import load_car
@@ -19,10 +19,7 @@ SPEED = 60.0
 
 @pytest.fixture
 def state() -> VehicleState:
-    rig = Rig()
-    rig.run(0.2)
-    assert rig.gateway.seen is not None
-    return rig.gateway.seen[0]
+    return reported_state()
 
 
 class Drive:
