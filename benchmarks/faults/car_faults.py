@@ -163,14 +163,14 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         "IMU constant with dither", IMU, _MOTION, 6.0, "its own noise; steering, wheels, pedals, when they move",
         _dithering
     ),
-    CarFault("IMU near zero", IMU, _MOTION, 6.0, "its own noise; steering, wheels, pedals", _scaled(0.02, *INERTIAL)),
+    CarFault("IMU near zero", IMU, _MOTION, 6.0, "a step; its own noise", _scaled(0.02, *INERTIAL)),
     CarFault(
         "IMU sign flipped", IMU, _MOTION, 6.0,
-        "steering and wheels in the next bend, or engine, brakes and wheels",
+        "a step; steering and wheels in the next bend, or engine, brakes and wheels",
         _scaled(-1.0, *INERTIAL)
     ),
     CarFault(
-        "yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "steering and wheels", _plus(0.3, "imu_yaw_rate")
+        "yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "a step; steering and wheels", _plus(0.3, "imu_yaw_rate")
     ),
     CarFault("wheel speeds missing", WHEELS, ("state_invalid",), 0.15, "their age", _lost),
     CarFault("wheel speeds frozen", WHEELS, ("state_invalid",), 0.35, "noise changes the last bit", _frozen),
@@ -244,7 +244,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     ),
     CarFault(
         "IMU turned by 180 deg", IMU, _MOTION, 6.0,
-        "steering and wheels in the next bend, or engine, brakes and wheels",
+        "a step; steering and wheels in the next bend, or engine, brakes and wheels",
         _scaled(-1.0, "imu_ax", "imu_ay"),
     ),
     CarFault(

@@ -1,18 +1,30 @@
-"""An IMU whose axes have lost their noise.
+"""The IMU against itself: readings that step as no car moves, and axes that have lost their noise.
 
-Noise of an axis is its own, and that of two does not fall by an order of magnitude while the car drives: what has lost
-it no longer measures. The observer finds it only when the car next turns otherwise, which is late in a bend.
+Mass and inertia make forces and rates change over some periods. A reading that is steady, differs by a lot in the next
+period and is steady there has another reason: an offset, a sign, a scale that went wrong. Noise of an axis is its own,
+and that of two does not fall by an order of magnitude while the car drives: what has lost it no longer measures. The
+observer finds either when the car next turns or brakes otherwise: in a bend, too late.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from itertools import pairwise
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.car import Car
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.settings.gateway import PERIOD_S
 
+STEADY = 4
+"""periods before and after a step: a spike of a kerb has passed by then"""
+LEVEL_SHARE = 0.4
+"""of a step that a reading on either side of it may differ from the one before: on a ramp all differ alike, and a spike
+goes back"""
+TURN, FORCE = 0.04, 3.0
+"""rad/s and m/s2: steps beside noise (data sheets have 0.002 and 0.1); sound drives come to 0.02 and 1.5"""
+KICK = 0.15
+"""rad/s of a step of the yaw rate alone: 15 rad/s2, which tyres of 1.5 g reach with both axles against each other"""
 QUIET = 0.14
 """of its usual noise that one of two axes has at least: 0.145 was the least of a gyro alone on a measured drive of an
 AV-21 (25 Hz, filtered, mostly motion), 0.25 of an axis on simulated ones"""
@@ -24,13 +36,16 @@ RESOLVED = 6.0
 """steps of the report of usual noise from which less can be told"""
 
 
-class QuietMonitor:
-    """What it has `found` holds until the car stands."""
+class ImuMonitor:
+    """Keeps the newest readings; what it has found holds until the car stands."""
 
     def __init__(self, car: Car) -> None:
         reports, imu = car.codec.signals.reports, next(iter(car.imus))
-        axes = ("yaw_rate", "ay", "ax")
-        self._axes = [_Noise(RESOLVED * abs(reports[f"imu.{imu}.{name}"].scale)) for name in axes]
+        self._readings: deque[tuple[float, float, float]] = deque(maxlen=2 * STEADY)
+        """yaw rate, rad/s; lateral and longitudinal specific force, m/s2"""
+        self._noise = tuple(
+            _Noise(RESOLVED * abs(reports[f"imu.{imu}.{name}"].scale)) for name in ("yaw_rate", "ay", "ax")
+        )
         self.found = False
 
     def step(self, state: VehicleState, speed: float) -> None:
@@ -38,12 +53,33 @@ class QuietMonitor:
         self.found = self.found and speed > 0.0
         imu = state.sources["imu"]
         if speed < SLOWEST or not imu.valid or imu.age_s is None or imu.age_s >= 2 * PERIOD_S:
-            for axis in self._axes:  # two were missed: all that changed comes at once
-                axis.forget()
-        elif imu.age_s < PERIOD_S:  # else it is the one before
-            readings = state.yaw_rate, state.ay, state.ax
-            fell = [axis.fell(reading) for axis, reading in zip(self._axes, readings, strict=True)]
-            self.found = self.found or sum(fell) > 1
+            # two were missed: all that changed comes at once
+            self._readings.clear()
+            for noise in self._noise:
+                noise.forget()
+            return
+        if imu.age_s >= PERIOD_S:  # it is the one before
+            return
+        self._readings.append((state.yaw_rate, state.ay, state.ax))
+        quiet = self._quiet()
+        self.found = self.found or quiet or self._stepped()
+
+    def _stepped(self) -> bool:
+        """Whether the yaw rate has stepped by `KICK`, or two of the three, one of them the yaw rate or to the other
+        sign: on a patch of less grip both forces fall."""
+        if len(self._readings) < 2 * STEADY:
+            return False
+        turn, ay, ax = map(_step, zip(*self._readings, strict=True), (TURN, FORCE, FORCE))
+        _, ay_before, ax_before = self._readings[STEADY - 1]
+        mirrored = min(ay_before * (ay_before + ay), ax_before * (ax_before + ax)) < 0.0
+        return abs(turn) > KICK or bool(turn and (ay or ax)) or bool(ay and ax and mirrored)
+
+    def _quiet(self) -> bool:
+        """Whether the noise of two axes has fallen; learns what is usual."""
+        if len(self._readings) < 3:
+            return False
+        newest = zip(*list(self._readings)[-3:], strict=True)
+        return sum([noise.fell(*three) for noise, three in zip(self._noise, newest, strict=True)]) > 1
 
 
 class _Noise:
@@ -51,23 +87,29 @@ class _Noise:
 
     def __init__(self, resolved: float) -> None:
         self._resolved = resolved
-        self._readings, self._lately = deque[float](maxlen=3), deque[float](maxlen=WINDOW)
+        self._lately: deque[float] = deque(maxlen=WINDOW)
         self._usual, self._learnt = 0.0, 0
 
     def forget(self) -> None:
         """Readings are missing."""
-        self._readings.clear()
         self._lately.clear()
 
-    def fell(self, reading: float) -> bool:
-        """Whether there is hardly any left of what was usual."""
-        self._readings.append(reading)
-        if len(self._readings) == 3:
-            before, last, now = self._readings
-            self._lately.append(abs(now - 2.0 * last + before))
+    def fell(self, before: float, last: float, now: float) -> bool:
+        """Whether there is hardly any left of what was usual; three readings in a row."""
+        self._lately.append(abs(now - 2.0 * last + before))
         if len(self._lately) < WINDOW:
             return False
         self._learnt = min(self._learnt + 1, USUAL)
         self._usual += (self._lately[0] - self._usual) / self._learnt
         known = self._learnt == USUAL and self._usual > self._resolved
         return known and sum(self._lately) / WINDOW < QUIET * self._usual
+
+
+def _step(readings: tuple[float, ...], least: float) -> float:
+    """By how much more than `least` the later half of the readings differs from the earlier one at once; 0 where it
+    does not step."""
+    if abs(readings[STEADY] - readings[STEADY - 1]) <= least:
+        return 0.0
+    changes = [now - before for before, now in pairwise(readings)]
+    step = changes.pop(STEADY - 1)
+    return step if max(map(abs, changes)) < LEVEL_SHARE * abs(step) else 0.0

@@ -14,7 +14,7 @@ from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, SILENT_S, Comparison, ConditionTime
 from hil_gateway.gateway.perceive.inbox import usable
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
-from hil_gateway.gateway.perceive.monitors.imu import QuietMonitor
+from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import INNER, Braked
@@ -51,7 +51,7 @@ class Monitors:
         self.position = PositionMonitor(config.placing.noise)
         self._steady = SteadyCourse()
         self._imu, self._side, self._wheel, self._speed, self._by_fixes, self._turn = (Comparison() for _ in range(6))
-        self._quiet = QuietMonitor(car)
+        self._itself = ImuMonitor(car)
         self._braked = Braked(config)
         self._following = FollowingMonitor(car)
         self._reversed = ReversedMonitor(car)
@@ -149,7 +149,7 @@ class Monitors:
         steady = self._steady.step(course)
         fixes = None if self.position.wrong and not self.imu_wrong else steady
         off_s = self._imu.update(observer.imu_off, now_ns)
-        imu = INFINITE if self._quiet.found else off_s
+        imu = INFINITE if self._itself.found else off_s
         side = self._side.update(observer.side_off, now_ns)
         one = self._wheel.update(observer.wheel_off if braked < INNER else 0.0, now_ns)
         changes = self._speed.update(observer.speed_off if both else 0.0, now_ns)
@@ -163,10 +163,10 @@ class Monitors:
 
     def _miss(self, now_ns: int, state: VehicleState) -> None:
         """An IMU that no longer measures, or is gone while the wheels go on reporting."""
-        self._quiet.step(state, self.motion.motion.speed)
+        self._itself.step(state, self.motion.motion.speed)
         alone = state.sources["wheel_speeds"].valid and not state.sources["imu"].valid
         held_s = self._imu_missed.update(alone, now_ns)
-        self._imu_gone = self._quiet.found or (self._stopping and (self._imu_gone or held_s > SILENT_S))
+        self._imu_gone = self._itself.found or (self._stopping and (self._imu_gone or held_s > SILENT_S))
 
     def _distrust(self, sensors: SensorMonitors, along_s: float) -> None:
         """From a first contradiction of the IMU, which has `along_s` along the car, no estimate is believed; after some
