@@ -29,6 +29,8 @@ from hil_gateway.track.track import Track
 SHOWN = {topic.key: topic for topic in TOPICS if topic.recorded and topic not in (TRUTH, OPERATOR)}
 EVERY_ONE = (ALERT.key, EVENT.key)
 """topics of which the newest message is not enough"""
+SPEAK = ("gateway_status", "vehicle_state", "estimate")
+"""what the figures of the page are made of"""
 SLOW_EVERY = 10
 """snapshots a slow part serves"""
 
@@ -44,7 +46,8 @@ class Recording:
         self.path = path
         self.times: list[float] = []
         self.opens_s = 0.0
-        """the newest moment of which a gateway speaks, else the first one"""
+        """the newest moment that says most: at the end of a session one process goes after the other"""
+        self._most_said = 0
         self._quick: list[bytes] = []
         self._slow: list[bytes] = []
         self.lines: dict[str, dict[str, Any]] = {}
@@ -81,8 +84,9 @@ class Recording:
                 self.lines[slow["line"]] = line
             self._slow.append(zlib.compress(text_of(slow).encode(), 1))
         self.times.append(t_s)
-        spoken = snapshot["ages"]["gateway_status"]["alive"]
-        self.opens_s = t_s if spoken or len(self.times) == 1 else self.opens_s
+        said = sum(age["alive"] for name, age in snapshot["ages"].items() if name in SPEAK)
+        if said >= self._most_said:
+            self._most_said, self.opens_s = said, t_s
         self._quick.append(zlib.compress(text_of(snapshot).encode(), 1))
 
 

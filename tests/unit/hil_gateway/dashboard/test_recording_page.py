@@ -68,15 +68,18 @@ def test_a_recording_shows_at_every_moment_what_was_known_then(recording: Record
 
 
 @needs_browser
-def test_a_recording_opens_where_the_gateway_last_spoke_and_advises_nothing(tmp_path: Path) -> None:
-    """Nobody can start an estimator of yesterday."""
-    recording = written(tmp_path / "drive.mcap", estimator_until_s=1.0, gateway_until_s=3.0)
+def test_a_recording_opens_where_most_was_known_and_advises_nothing(tmp_path: Path) -> None:
+    """Processes end one after the other; nobody can start an estimator of yesterday."""
+    recording = written(tmp_path / "drive.mcap", estimator_until_s=2.0, gateway_until_s=3.0)
     app = recording_app(recording, load_track(), Config())
     with served(app) as url, Browser(tmp_path / "profile") as browser:
         browser.open(url)
-        browser.wait_for("document.getElementById('why').textContent.includes('no estimate')")
+        browser.wait_for("document.getElementById('clock').textContent.includes('of')")
         shown_s = float(browser.evaluate(TEXT.format("clock")).split()[0])
-        assert 2.8 <= shown_s <= 2.9 + GATEWAY_STATUS.deadline_s
+        assert 1.8 <= shown_s <= 1.9 + ESTIMATE.deadline_s
+        assert "221" in browser.evaluate("document.body.innerText")
+        browser.open(f"{url}?t=2.8")
+        browser.wait_for("document.getElementById('why').textContent.includes('no estimate')")
         assert "hil " not in browser.evaluate(TEXT.format("why"))
 
 
