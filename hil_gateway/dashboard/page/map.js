@@ -115,7 +115,8 @@ function drawKey(top, { text: name, factor }) {
 function legend(kind, text) {
   const key = document.createElement("span");
   const sample = document.createElement("i");
-  sample.style.background = `var(--${{ plan: "accent", line: "text", corridor: "warn", stop: "bad", alert: "warn" }[kind]})`;
+  sample.style.background = `var(--${{ plan: "accent", line: "text", corridor: "good", stop: "bad", alert: "warn" }[kind]})`;
+  if (kind === "stop" || kind === "alert") sample.className = "dot";
   key.append(sample, text);
   return key;
 }

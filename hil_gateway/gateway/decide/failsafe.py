@@ -143,7 +143,7 @@ TABLE: tuple[Row, ...] = (
     Row("operator_stop", "a stop was asked for", "operator_stop", 0.0, _STOP, Clear.REARM),
     Row(
         "gateway_ending",
-        "the gateway is to end while the car moves",
+        "the gateway was asked to end while the car moves",
         "gateway_ending",
         0.0,
         _STOP,
