@@ -2,14 +2,15 @@
 
 The recursion runs on parameters scaled by their prior standard deviation, so the prior covariance is the identity.
 Sigma_z is diagonal, which makes Eq. (8) equal to one scalar update a channel; each is in Joseph form, so the
-covariance stays symmetric positive semi-definite whatever the rounding. All of a sample is one CasADi function,
-interpreted, not compiled: some microseconds, and the same bits on every computer.
+covariance stays symmetric positive semi-definite whatever the rounding. What the model says is a CasADi function,
+interpreted as it is another one for every car; the recursion is the same for all, and compiled.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import atan2, isfinite, sqrt
 from typing import NamedTuple
 
@@ -18,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from estimator.model.measurement import CHANNELS, MeasurementKind, measurement_function
-from estimator.model.single_track import SingleTrack
+from estimator.model.single_track import SIGNALS, SingleTrack
 from hil_gateway.observer.kalman import scalar_update
 from hil_gateway.process.arrays import Array
-from hil_gateway.process.compiled import CompiledFunction, compile_function
+from hil_gateway.process.compiled import EXACT_LOOPS, CompiledFunction, compile_function
 
 MEASURED: Mapping[str, float] = {
     "imu_ax": 0.5, "imu_ay": 0.4, "yaw_acc": 0.4, "fx_r": 0.5, "fy_f": 0.32, "fy_r": 0.32,
@@ -96,7 +97,10 @@ class TyreBelief:
         self.upper = (np.array([p.upper for p in table]) - self.prior) / self.scale
         self.channel_variance = self.settings.channel_std(model.vehicle.mass) ** 2
         self._longitudinal = np.array([c in ("imu_ax", "fx_r") for c in CHANNELS[self.settings.kind]])
-        self._recursion = recursion_function(self)
+        self._model = model_function(self)
+        gate = self.settings.gate_sigma
+        self._recursion = recursion_function(len(self.channel_variance), len(self.names), gate).twin()
+        self._recursion.inputs[3][:, 0] = self.scale
         self.reset()
 
     def reset(self) -> None:
@@ -132,10 +136,11 @@ class TyreBelief:
         active = self._active_channels(sample)
         if not active.any():
             return np.empty(0)
-        *vectors, spread, covariance = self._recursion.inputs
-        at, variance = self._linearised_at(), self._error_variance()
-        known = (sample.signals, sample.aux, sample.phi, sample.z, sample.input_variance)
-        given = (*known, active, variance, at, self.deviation)
+        at = self._linearised_at()
+        self._predict_sample(sample, at)
+        *vectors, spread, covariance = self._recursion.inputs[4:]
+        error, acting = self._error_variance(), np.array(sample.input_variance)
+        given = sample.z, acting, active, error, at, self.deviation
         for vector, values in zip(vectors, given, strict=True):
             vector[:, 0] = values
         spread[:], covariance[:] = sample.signal_covariance, self.scaled_covariance
@@ -147,6 +152,15 @@ class TyreBelief:
             self._keep_sane(dt)
             return np.asarray(nis[active, 0])
         return np.empty(0)
+
+    def _predict_sample(self, sample: Sample, at: Array) -> None:
+        """What the model says of a sample at a scaled deviation, to the recursion."""
+        signals, aux, theta, phi = self._model.inputs
+        signals[:, 0], aux[:, 0], phi[:, 0] = sample.signals, sample.aux, sample.phi
+        theta[:, 0] = self.prior + self.scale * at
+        self._model()
+        for there, here in zip(self._recursion.inputs[:3], self._model.outputs, strict=True):
+            there[:] = here
 
     def _linearised_at(self) -> Array:
         """Scaled deviation at which the Jacobians of the next sample are taken: the present mean."""
@@ -187,21 +201,27 @@ class TyreBelief:
         self.deviation = np.clip(self.deviation, self.lower, self.upper)
 
 
-def recursion_function(belief: TyreBelief) -> CompiledFunction:
-    """One sample of Eq. (8): (signals, aux, phi, z, input variance, active, variance, at, deviation, signal
-    covariance, covariance) to new deviation, covariance and normalised innovations squared (m,).
+def model_function(belief: TyreBelief) -> CompiledFunction:
+    """(signals, aux, theta, phi) to what is predicted of a sample, and its Jacobians in theta and in the signals."""
+    h = measurement_function(belief.model, belief.settings.kind, with_effects=belief.with_effects)
+    return compile_function(h, compiled=False)
+
+
+@cache
+def recursion_function(channels: int, parameters: int, gate_sigma: float) -> CompiledFunction:
+    """One sample of Eq. (8): (predicted, its Jacobians, scale, z, input variance, active, variance, at, deviation,
+    signal covariance, covariance) to new deviation, covariance and normalised innovations squared (m,).
 
     Deviation (n,) and covariance (n, n) are scaled, `active` (m,) says which channels teach, `variance` (m,) is that of
-    their errors. Channels come one after the other, all linearised at the deviation `at`.
+    their errors. Channels come one after the other, all linearised at the deviation `at`. Of any car and model: made
+    once a process, to be used by its `twin`.
     """
-    h = measurement_function(belief.model, belief.settings.kind, with_effects=belief.with_effects)
-    signals, aux, _, phi = (ca.SX.sym(name, h.size1_in(name)) for name in h.name_in())
-    n, m = len(belief.names), h.size1_out("h")
-    z, active, error = (ca.SX.sym(name, m) for name in ("z", "active", "variance"))
-    acting = ca.SX.sym("input_variance", 2)
-    at, start, spread, P = (ca.SX.sym(*shape) for shape in (("at", n), ("deviation", n), ("spread", 3, 3), ("P", n, n)))
-    predicted, by_theta, by_signals = h.call([signals, aux, belief.prior + belief.scale * at, phi])
-    rows = by_theta @ ca.diag(ca.DM(belief.scale))
+    n, m, sym = parameters, channels, ca.MX.sym
+    predicted, by_theta, by_signals = sym("predicted", m), sym("by_theta", m, n), sym("by_signals", m, len(SIGNALS))
+    z, active, error = (sym(name, m) for name in ("z", "active", "variance"))
+    scale, at, start = (sym(name, n) for name in ("scale", "at", "deviation"))
+    acting, spread, P = sym("input_variance", 2), sym("spread", 3, 3), sym("P", n, n)
+    rows = by_theta * ca.repmat(scale.T, m, 1)
     deviation, covariance, nis = start, P, []
     for i in range(m):
         slip, late = by_signals[i, :3], by_signals[i, 3:] ** 2
@@ -209,10 +229,10 @@ def recursion_function(belief: TyreBelief) -> CompiledFunction:
         innovation = z[i] - predicted[i] - rows[i, :] @ (deviation - at)
         S = rows[i, :] @ covariance @ rows[i, :].T + variance
         nis.append(innovation**2 / S)
-        teaches = ca.logic_and(active[i], nis[i] <= belief.settings.gate_sigma**2)
+        teaches = ca.logic_and(active[i], nis[i] <= gate_sigma**2)
         K, after = scalar_update(covariance, rows[i, :], variance)
         deviation = ca.if_else(teaches, deviation + K * innovation, deviation)
         covariance = ca.if_else(teaches, after, covariance)
-    inputs = [signals, aux, phi, z, acting, active, error, at, start, spread, P]
-    results = [ca.densify(e) for e in (deviation, covariance, ca.vertcat(*nis))]
-    return compile_function(ca.Function("recursion", inputs, results), compiled=False)
+    inputs = [predicted, by_theta, by_signals, scale, z, acting, active, error, at, start, spread, P]
+    results = [deviation, covariance, ca.vertcat(*nis)]
+    return compile_function(ca.Function("recursion", inputs, results), flags=EXACT_LOOPS)

@@ -18,7 +18,7 @@ from hil_gateway.car.car import Car, Receiver
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.observer.kalman import scalar_update, symmetric
 from hil_gateway.process.arrays import Expr
-from hil_gateway.process.compiled import EXACT_SOON, CompiledFunction, compile_function
+from hil_gateway.process.compiled import EXACT_LOOPS, CompiledFunction, compile_function
 
 STATES = (
     "x",
@@ -184,13 +184,14 @@ Step = Callable[..., None]
 def step_function(step: Step, measured: int) -> CompiledFunction:
     """(mean, covariance, yaw rate, measured, `FilterCar`) to the same after `step`, and its normalised innovations
     squared; made once a process, to be used by its `twin`."""
-    n, u, car = len(STATES), ca.SX.sym("measured", measured), ca.SX.sym("car", len(FilterCar._fields))
-    start = ca.SX.sym("mean", n), ca.SX.sym("covariance", n, n), ca.SX.sym("yaw_rate")
+    n, sym = len(STATES), ca.MX.sym
+    u, car = sym("measured", measured), sym("car", len(FilterCar._fields))
+    start = sym("mean", n), sym("covariance", n, n), sym("yaw_rate")
     moment = FilterMoment(*start, FilterCar(*ca.vertsplit(car)))
     step(moment, *ca.vertsplit(u))
-    end = [moment.mean, moment.covariance, moment.yaw_rate, ca.vertcat(*moment.nis) if moment.nis else ca.SX(0, 1)]
+    end = [moment.mean, moment.covariance, moment.yaw_rate, ca.vertcat(*moment.nis) if moment.nis else ca.MX(0, 1)]
     function = ca.Function(step.__name__, [*start, u, car], [ca.densify(e) for e in end])
-    return compile_function(function, flags=EXACT_SOON)
+    return compile_function(function, flags=EXACT_LOOPS)
 
 
 def predict(moment: FilterMoment, *imu: Expr) -> None:
@@ -200,8 +201,19 @@ def predict(moment: FilterMoment, *imu: Expr) -> None:
     rate beyond the noise. The forces act on the velocity where the IMU is, which moves to the side as the
     car turns. The place is the one the fixes give, which wander and drift.
     """
-    ax, ay, gyro, gravity_x, gravity_y, dt, moves, accel_variance, rate_variance = imu
-    n, m = moment.noise, moment.mean
+    given = ca.vertcat(*imu), ca.vertcat(*moment.car)
+    moment.mean, moment.yaw_rate, F, noise = _motion(moment.noise)(moment.mean, moment.yaw_rate, *given)
+    moment.covariance = symmetric(F @ moment.covariance @ F.T + noise)
+
+
+@cache
+def _motion(n: FilterNoise) -> ca.Function:
+    """(mean, yaw rate, what `predict` is given, `FilterCar`) to mean and yaw rate after the step, Jacobian of the mean
+    and covariance of what the step adds to it."""
+    m, before, imu = ca.SX.sym("mean", len(STATES)), ca.SX.sym("before"), ca.SX.sym("imu", 9)
+    known = ca.SX.sym("car", len(FilterCar._fields))
+    car = FilterCar(*ca.vertsplit(known))
+    ax, ay, gyro, gravity_x, gravity_y, dt, moves, accel_variance, rate_variance = ca.vertsplit(imu)
     x, y, yaw, vx, vy, bias_ax, bias_ay, bias_yaw_rate, _, grade, bank, turn, ahead, *drift, _ = ca.vertsplit(m)
     drift_x, drift_y = drift
     rate = gyro - bias_yaw_rate
@@ -224,12 +236,11 @@ def predict(moment: FilterMoment, *imu: Expr) -> None:
         m[HEADING_TURN],
     )  # fmt: skip
     F, G = ca.jacobian(after, m), ca.jacobian(after, ca.vertcat(ax, ay, gyro))
-    after, F, G = ca.substitute([after, F, G], [change], [rate - moment.yaw_rate])
-    white = moment.car.accel**2 + n.accel_model**2 + accel_variance
-    noise = G @ ca.diag(ca.vertcat(white, white, moment.car.yaw_rate**2 + rate_variance)) @ G.T
-    noise += _walks(n, moment.car.position_wander, dt)
-    moment.covariance = symmetric(F @ moment.covariance @ F.T + noise)
-    moment.mean, moment.yaw_rate = after, rate
+    after, F, G = ca.substitute([after, F, G], [change], [rate - before])
+    white = car.accel**2 + n.accel_model**2 + accel_variance
+    noise = G @ ca.diag(ca.vertcat(white, white, car.yaw_rate**2 + rate_variance)) @ G.T
+    noise += _walks(n, car.position_wander, dt)
+    return ca.Function("motion", [m, before, imu, known], [after, rate, F, noise])
 
 
 def levelled(ax: Any, ay: Any, cos: Any, sin: Any) -> tuple[Any, Any]:
@@ -317,7 +328,7 @@ def level(moment: FilterMoment, *read: Expr) -> None:
 
 def _row(entries: dict[int, Expr]) -> Expr:
     """A measurement's row of the Jacobian, sparse (1, n)."""
-    row = ca.SX(1, len(STATES))
+    row = ca.MX(1, len(STATES))
     for index, value in entries.items():
         row[0, index] = value
     return row
