@@ -123,7 +123,7 @@ class Estimator:
     def learn(self, sample: Sample, stamp_ns: int) -> None:
         """Watch the model with the belief held so far, then let the sample teach where learning is on."""
         sample, tyres = self._believed(sample)
-        for finding in self.model.monitor.push(sample, tyres, stamp_ns):
+        for finding in self.model.monitor.push(sample, tyres, self.belief.covariance, stamp_ns):
             self._bus.publish(topics.ALERT, Alert(stamp_ns=stamp_ns, seq=self._alert_seq, **asdict(finding)))
             self._alert_seq += 1
         if self._learns:

@@ -1,9 +1,10 @@
 """Live watch over the model: where has it stopped explaining what the car does, and which effect would?
 
 Residuals of specific forces and yaw acceleration against the model now believed are averaged in cells: turn direction
-or pedal, by speed band. A cell whose mean leaves the noise floor behind on repeated visits raises an alert. The suspect
-is found by a score test (Rao 1948): how much of the recent residual would one Gauss-Newton step in the parameters of
-each effect of the catalogue explain beyond what re-tuned tyres already do. Constant work a sample.
+or pedal, by speed band. A cell whose mean, on repeated visits, leaves behind the noise floor and what belief and state
+filter say that they do not know yet raises an alert. The suspect is found by a score test (Rao 1948): how much of the
+recent residual would one Gauss-Newton step in the parameters of each effect of the catalogue explain beyond what a
+re-tuned belief already does. Constant work a sample.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf, sqrt
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -38,7 +40,7 @@ MIN_LOOKS, MIN_VISITS = 40, 2
 VISIT_GAP = 25
 """looks elsewhere after which coming back is a new visit"""
 RATIO = 3.0
-"""mean residual over noise floor that raises an alert"""
+"""mean residual over its deviation, by noise floor and belief, that raises an alert"""
 REPEAT_NS = 60_000_000_000
 """the same alert is not repeated for a minute"""
 EXPLAINED = 0.25
@@ -65,6 +67,13 @@ class ModelAlert:
     strength: float
 
 
+class Doubt(NamedTuple):
+    """Variance of a residual by what the belief, and what the state filter, say of themselves."""
+
+    belief: float
+    state: float
+
+
 @dataclass
 class _Cell:
     looks: int = 0
@@ -72,15 +81,21 @@ class _Cell:
     last_look: int = -VISIT_GAP - 1
     mean: float = 0.0
     square: float = 0.0
+    doubt: Doubt = field(default_factory=lambda: Doubt(0.0, 0.0))
     judged_ns: int | None = None
 
-    def add(self, residual: float, look: int) -> None:
+    def add(self, residual: float, doubt: Doubt, look: int) -> None:
         self.visits += look - self.last_look > VISIT_GAP
         self.last_look = look
         self.looks += 1
         gain = 1.0 / min(self.looks, WINDOW)
         self.mean += gain * (residual - self.mean)
         self.square += gain * (residual * residual - self.square)
+        self.doubt = Doubt(*(old + gain * (new - old) for old, new in zip(self.doubt, doubt, strict=True)))
+
+    def std(self, floor: float) -> float:
+        """Deviation of the mean: errors of the belief last, those of the state are others on every visit."""
+        return sqrt(floor**2 + self.doubt.belief + self.doubt.state / max(self.visits, 1))
 
 
 @dataclass
@@ -124,8 +139,8 @@ class ResidualMonitor:
         ax, ay, yaw_acc = np.clip(np.mean(looks, axis=0), -MOST, MOST).tolist()
         return ax, ay, yaw_acc
 
-    def push(self, sample: Sample, theta: Array, stamp_ns: int) -> list[ModelAlert]:
-        """Take in one sample with the tyre parameters now believed."""
+    def push(self, sample: Sample, theta: Array, covariance: Array, stamp_ns: int) -> list[ModelAlert]:
+        """Take in one sample with the tyre parameters now believed, and the covariance of them and of the effects."""
         z = sample.z.tolist()
         if not all(abs(value) < PLAUSIBLE for value in (*z, *sample.signals.tolist())):  # not-a-number is not
             return []
@@ -134,11 +149,11 @@ class ResidualMonitor:
         if self._count % DECIMATION or sample.signals[0] < 8.0:
             return []
         self._looks += 1
-        residual = self._score.add(sample, theta)
+        residual, doubts = self._score.add(sample, theta, covariance)
         self._unread = [*self._unread[1 - UNREAD :], residual]
-        for channel, value in zip(SMALLEST, residual.tolist(), strict=True):
+        for channel, value, doubt in zip(SMALLEST, residual.tolist(), doubts, strict=True):
             key = (channel, _condition(channel, sample))
-            self._cells.setdefault(key, _Cell()).add(value, self._looks)
+            self._cells.setdefault(key, _Cell()).add(value, doubt, self._looks)
         return self._findings(sample, stamp_ns)
 
     def _findings(self, sample: Sample, stamp_ns: int) -> list[ModelAlert]:
@@ -147,7 +162,7 @@ class ResidualMonitor:
         for channel, floor in zip(SMALLEST, self._noise.std(), strict=True):
             condition = _condition(channel, sample)
             cell = self._cells[channel, condition]
-            if cell.looks < MIN_LOOKS or cell.visits < MIN_VISITS or abs(cell.mean) < RATIO * floor:
+            if cell.looks < MIN_LOOKS or cell.visits < MIN_VISITS or abs(cell.mean) < RATIO * cell.std(floor):
                 continue
             if cell.judged_ns is not None and stamp_ns - cell.judged_ns < REPEAT_NS:
                 continue
@@ -180,13 +195,12 @@ class _ScoreTest:
         known = {effect.name for effect in model.effects}
         others = (e for e in catalogue().values() if e.name not in known and not e.estimated_by_filter)
         self._candidates = [effect for effect in others if not effect.profile]
-        self._n_phi = len(model.effect_table)
         widened = SingleTrack(model.vehicle, model.tyre_prior, (*model.effects, *self._candidates))
-        self._function = compile_function(_sensitivities(widened, self._n_phi), compiled=False)
+        self._function = compile_function(_sensitivities(widened), compiled=False)
         self._neutral = np.array([x for e in self._candidates for x in e.neutral()])
-        tyre_scale = [p.prior_std for p in model.tyre_table]
-        self._scale = np.array(tyre_scale + [p.prior_std for e in self._candidates for p in e.parameters])
-        self._tyre = list(range(len(tyre_scale)))
+        believed = [*model.tyre_table, *model.effect_table]
+        self._scale = np.array([p.prior_std for p in [*believed, *(p for e in self._candidates for p in e.parameters)]])
+        self._believed = list(range(len(believed)))
         self._columns = self._columns_of(self._candidates)
         self._channels = {effect.name: effect.channels for effect in self._candidates}
         n = len(self._scale)
@@ -195,23 +209,25 @@ class _ScoreTest:
         self._std = np.array(measured_std("imu_yaw", model.vehicle.mass))
 
     def _columns_of(self, effects: list[Effect]) -> dict[str, list[int]]:
-        columns, start = {}, len(self._tyre)
+        columns, start = {}, len(self._believed)
         for effect in effects:
             columns[effect.name] = list(range(start, start + len(effect.parameters)))
             start += len(effect.parameters)
         return columns
 
-    def add(self, sample: Sample, theta: Array) -> Array:
-        """Residual of the three channels, m/s2 and rad/s2; also accumulated."""
+    def add(self, sample: Sample, theta: Array, covariance: Array) -> tuple[Array, list[Doubt]]:
+        """Residual of the three channels, m/s2 and rad/s2, and its doubts; also accumulated."""
         inputs = self._function.inputs
         inputs[0][:, 0], inputs[1][:, 0], inputs[2][:, 0] = sample.signals, sample.aux, theta
-        inputs[3][: self._n_phi, 0], inputs[3][self._n_phi :, 0] = sample.phi, self._neutral
+        inputs[3][:, 0] = [*sample.phi, *self._neutral]
         self._function()
-        h, sensitivity = self._function.outputs
+        h, sensitivity, motion = self._function.outputs
         residual = sample.z - h[:, 0]
         if np.isfinite(residual).all() and np.isfinite(sensitivity).all():
             self._accumulate(residual / self._std, sensitivity * self._scale / self._std[:, None])
-        return np.asarray(np.nan_to_num(residual))
+        by_belief = _variances(sensitivity[:, : len(covariance)], covariance)
+        by_state = _variances(motion, sample.signal_covariance)
+        return np.nan_to_num(residual), [Doubt(*pair) for pair in zip(by_belief, by_state, strict=True)]
 
     def _accumulate(self, r: Array, J: Array) -> None:
         self._count += 1
@@ -225,12 +241,12 @@ class _ScoreTest:
         return next((name for name in self._suspects() if channel in self._channels[name]), "")
 
     def _suspects(self) -> list[str]:
-        """Effects by what each explains beyond the tyres and the ones before it, all channels together.
+        """Effects by what each explains beyond the belief and the ones before it, all channels together.
 
         Taken one after the other, so that nothing is suspected of what another effect explains already.
         """
         chosen: list[str] = []
-        columns, total = list(self._tyre), float(np.sum(self._energy))
+        columns, total = list(self._believed), float(np.sum(self._energy))
         while len(chosen) < MOST_SUSPECTS:
             explained = self._explained(columns)
             gains = {
@@ -253,12 +269,17 @@ class _ScoreTest:
         return float(b @ np.linalg.solve(G + ridge * np.eye(len(columns)), b))
 
 
-def _sensitivities(model: SingleTrack, n_active: int) -> ca.Function:
-    """(signals, aux, theta, phi) -> h (3), dh/d(theta, candidate phi)."""
+def _sensitivities(model: SingleTrack) -> ca.Function:
+    """(signals, aux, theta, phi) -> h (3), dh/d(theta, phi), dh/d(vx, vy, yaw_rate)."""
     signals, aux = ca.SX.sym("signals", len(SIGNALS)), ca.SX.sym("aux", len(AUXILIARY))
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
     named = dict(zip(AUXILIARY, ca.vertsplit(aux), strict=True))
     h = measurement(model, "imu_yaw", ca.vertsplit(signals), ca.vertsplit(theta), ca.vertsplit(phi), aux=named)
-    return ca.Function(
-        "sensitivities", [signals, aux, theta, phi], [h, ca.jacobian(h, ca.vertcat(theta, phi[n_active:]))]
-    )
+    by = ca.jacobian(h, ca.vertcat(theta, phi)), ca.jacobian(h, signals)[:, :3]
+    return ca.Function("sensitivities", [signals, aux, theta, phi], [h, *by])
+
+
+def _variances(jacobian: Array, covariance: Array) -> list[float]:
+    """Variance of each row of what is linear in something of this covariance; zero where numbers broke."""
+    variances: list[float] = np.nan_to_num(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)).tolist()
+    return variances
