@@ -357,7 +357,8 @@ def _clamped(index: int, field: Field) -> str:
 def _clamped_field(index: int, signal: Signal) -> str:
     """Statement that puts an integer, held to what the field of one signal can carry, into `r{index}`."""
     low, high = signal.raw_range
-    return f"r{index} = min(max(values[{signal.name!r}], {low}), {high})"
+    name = f"r{index}"
+    return f"{name} = values[{signal.name!r}]; {name} = {low} if {name} < {low} else min({name}, {high})"
 
 
 def _packed(message: BusMessage) -> str:

@@ -101,8 +101,7 @@ class Estimator:
         if (following := self._succession.take(state.stamp_ns)) is not None:
             self._use(following)
         delivered = self.model.delivery.now()
-        known = {"delivered": delivered, "agreement": self._agreement}
-        estimate = self.localisation.step(state, self._seq).model_copy(update=known)
+        estimate = self.localisation.step(state, self._seq, delivered, self._agreement)
         self._seq += 1
         self._bus.publish(topics.ESTIMATE, estimate)
         if (sample := self._window.push(state, estimate, self.localisation)) is not None:

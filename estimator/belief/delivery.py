@@ -16,12 +16,12 @@ import casadi as ca
 import numpy as np
 
 from estimator.belief.tyre_belief import PLAUSIBLE, BeliefSettings, Sample
+from estimator.model.measurement import compiled_for, of_any_car
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
 from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
-from hil_gateway.process.compiled import compile_function
 
 WINDOW = 10
 """samples, 0.1 s: longer, a car at 60 m/s is out of the bend before it is known; shorter, noise of the yaw
@@ -64,7 +64,7 @@ class Delivery:
 
     def __init__(self, model: SingleTrack) -> None:
         self._vehicle = model.vehicle
-        self._function = compile_function(_expected(model), compiled=False)
+        self._function = compiled_for(model.vehicle, _expected(model))
         self._rows: deque[_Row] = deque(maxlen=WINDOW)
         self._along: deque[float] = deque(maxlen=LATE + 1)
         """force that is expected of the brakes, N <= 0"""
@@ -132,8 +132,9 @@ def _share(rows: list[_Row], i: int) -> float | None:
 
 
 def _expected(model: SingleTrack) -> ca.Function:
-    """(signals, aux, theta, phi) to a_x, a_y and yaw acceleration; F_yf, F_yr and, braking, F_x of both axles; peaks of
-    front and rear axle, all N."""
+    """(signals, aux, theta, phi, car) to a_x, a_y and yaw acceleration; F_yf, F_yr and, braking, F_x of both axles;
+    peaks of front and rear axle, all N."""
+    model, vehicle = of_any_car(model)
     signals, aux = ca.SX.sym("signals", len(SIGNALS)), ca.SX.sym("aux", len(AUXILIARY))
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
     named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
@@ -142,4 +143,4 @@ def _expected(model: SingleTrack) -> ca.Function:
     t = model.evaluate(Terms(model.vehicle, **named, aux=auxiliary), ca.vertsplit(theta), effects)
     forces = ca.vertcat(t.fy_f, t.fy_r, ca.fmin(t.fx_f + t.fx_r, 0.0))
     rows = ca.vertcat(t.imu_ax, t.imu_ay, t.yaw_acc, forces, t.peak_f, t.peak_r)
-    return ca.Function("expected", [signals, aux, theta, phi], [ca.densify(rows)])
+    return ca.Function("expected", [signals, aux, theta, phi, vehicle], [ca.densify(rows)])

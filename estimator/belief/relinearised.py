@@ -22,7 +22,6 @@ import casadi as ca
 import numpy as np
 
 from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
-from estimator.model.measurement import measurement_function
 from estimator.model.single_track import SingleTrack
 from hil_gateway.process.arrays import Array
 
@@ -51,8 +50,8 @@ class RelinearisedBelief(TyreBelief):
         self._history: list[tuple[Sample, Array]] = []
         super().__init__(model, settings, effects)
         self._start_precision: Array = np.eye(len(self.names))
-        self._many = measurement_function(model, self.settings.kind, with_effects=self.with_effects)
-        arguments = self._many.sx_in()
+        self._many, self._vehicle = self._model.function, self._model.inputs[-1]
+        arguments = self._many.mx_in()
         self._predict = ca.Function("predict", arguments, self._many.call(arguments)[:1])
 
     def reset(self) -> None:
@@ -157,14 +156,16 @@ class RelinearisedBelief(TyreBelief):
 
     def _residual(self, history: _Stacked, deviation: Array) -> Array:
         """What the model leaves of the history at a scaled deviation, (K, m)."""
-        h = self._predict(history.signals, history.aux, self.prior + self.scale * deviation, history.phi)
+        theta = self.prior + self.scale * deviation
+        h = self._predict(history.signals, history.aux, theta, history.phi, self._vehicle)
         return np.asarray(history.z - h.full().T)
 
     def _linearised(self, history: _Stacked, deviation: Array) -> tuple[Array, Array, Array]:
         """Residuals (K, m), Jacobians in scaled parameters (K, m, n) and variances (K, m) at a scaled deviation."""
         count, channels = history.z.shape
         theta = self.prior + self.scale * deviation
-        h, *jacobians = (a.full() for a in self._many(history.signals, history.aux, theta, history.phi))
+        found = self._many(history.signals, history.aux, theta, history.phi, self._vehicle)
+        h, *jacobians = (a.full() for a in found)
         # the Jacobians of all samples come side by side
         by_theta, by_signals = (j.reshape(channels, count, -1).transpose(1, 0, 2) for j in jacobians)
         motion = by_signals[:, :, :3]

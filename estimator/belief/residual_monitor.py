@@ -21,10 +21,9 @@ import numpy as np
 from estimator.belief.tyre_belief import PLAUSIBLE, Sample, measured_std
 from estimator.model.effect import Effect
 from estimator.model.effects import catalogue
-from estimator.model.measurement import measurement
+from estimator.model.measurement import compiled_for, measurement, of_any_car
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack
 from hil_gateway.process.arrays import Array
-from hil_gateway.process.compiled import compile_function
 
 DECIMATION = 4
 """residuals are looked at on every fourth sample"""
@@ -196,7 +195,7 @@ class _ScoreTest:
         others = (e for e in catalogue().values() if e.name not in known and not e.estimated_by_filter)
         self._candidates = [effect for effect in others if not effect.profile]
         widened = SingleTrack(model.vehicle, model.tyre_prior, (*model.effects, *self._candidates))
-        self._function = compile_function(_sensitivities(widened), compiled=False)
+        self._function = compiled_for(model.vehicle, _sensitivities(widened))
         self._neutral = np.array([x for e in self._candidates for x in e.neutral()])
         believed = [*model.tyre_table, *model.effect_table]
         self._scale = np.array([p.prior_std for p in [*believed, *(p for e in self._candidates for p in e.parameters)]])
@@ -270,13 +269,14 @@ class _ScoreTest:
 
 
 def _sensitivities(model: SingleTrack) -> ca.Function:
-    """(signals, aux, theta, phi) -> h (3), dh/d(theta, phi), dh/d(vx, vy, yaw_rate)."""
+    """(signals, aux, theta, phi, car) -> h (3), dh/d(theta, phi), dh/d(vx, vy, yaw_rate)."""
+    model, vehicle = of_any_car(model)
     signals, aux = ca.SX.sym("signals", len(SIGNALS)), ca.SX.sym("aux", len(AUXILIARY))
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
     named = dict(zip(AUXILIARY, ca.vertsplit(aux), strict=True))
     h = measurement(model, "imu_yaw", ca.vertsplit(signals), ca.vertsplit(theta), ca.vertsplit(phi), aux=named)
     by = ca.jacobian(h, ca.vertcat(theta, phi)), ca.jacobian(h, signals)[:, :3]
-    return ca.Function("sensitivities", [signals, aux, theta, phi], [h, *by])
+    return ca.Function("sensitivities", [signals, aux, theta, phi, vehicle], [h, *by])
 
 
 def _variances(jacobian: Array, covariance: Array) -> list[float]:

@@ -2,8 +2,8 @@
 
 The recursion runs on parameters scaled by their prior standard deviation, so the prior covariance is the identity.
 Sigma_z is diagonal, which makes Eq. (8) equal to one scalar update a channel; each is in Joseph form, so the
-covariance stays symmetric positive semi-definite whatever the rounding. What the model says is a CasADi function,
-interpreted as it is another one for every car; the recursion is the same for all, and compiled.
+covariance stays symmetric positive semi-definite whatever the rounding. What the model says is one CasADi function,
+the recursion another one; both are compiled for all cars.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from estimator.model.measurement import CHANNELS, MeasurementKind, measurement_function
+from estimator.model.measurement import CHANNELS, MeasurementKind, compiled_for, measurement_function, of_any_car
 from estimator.model.single_track import SIGNALS, SingleTrack
 from hil_gateway.observer.kalman import scalar_update
 from hil_gateway.process.arrays import Array
@@ -155,7 +155,7 @@ class TyreBelief:
 
     def _predict_sample(self, sample: Sample, at: Array) -> None:
         """What the model says of a sample at a scaled deviation, to the recursion."""
-        signals, aux, theta, phi = self._model.inputs
+        signals, aux, theta, phi, _ = self._model.inputs
         signals[:, 0], aux[:, 0], phi[:, 0] = sample.signals, sample.aux, sample.phi
         theta[:, 0] = self.prior + self.scale * at
         self._model()
@@ -202,9 +202,10 @@ class TyreBelief:
 
 
 def model_function(belief: TyreBelief) -> CompiledFunction:
-    """(signals, aux, theta, phi) to what is predicted of a sample, and its Jacobians in theta and in the signals."""
-    h = measurement_function(belief.model, belief.settings.kind, with_effects=belief.with_effects)
-    return compile_function(h, compiled=False)
+    """(signals, aux, theta, phi, car) to what is predicted of a sample, and its Jacobians in theta and signals."""
+    model, vehicle = of_any_car(belief.model)
+    h = measurement_function(model, belief.settings.kind, with_effects=belief.with_effects, vehicle=vehicle)
+    return compiled_for(belief.model.vehicle, h)
 
 
 @cache

@@ -13,7 +13,8 @@ Effects of the active model act on every variant, because all go through `Single
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from dataclasses import replace
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -22,6 +23,7 @@ import numpy.typing as npt
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
+from hil_gateway.process.compiled import EXACT, CompiledFunction, compile_function
 
 MeasurementKind = Literal["imu", "imu_yaw", "tyre_force"]
 
@@ -51,20 +53,39 @@ def measurement(
     return ca.vertcat(*(getattr(terms, name) for name in CHANNELS[kind]))
 
 
-def measurement_function(model: SingleTrack, kind: MeasurementKind, *, with_effects: bool = False) -> ca.Function:
+def measurement_function(
+    model: SingleTrack, kind: MeasurementKind, *, with_effects: bool = False, vehicle: Expr | None = None
+) -> ca.Function:
     """CasADi function (signals[5], aux[len(AUXILIARY)], theta, phi) -> (h, dh/dtheta, dh/dsignals).
 
-    `with_effects`: theta are tyre parameters, then those of the effects, and phi is not looked at.
+    `with_effects`: theta are tyre parameters, then those of the effects, and phi is not looked at. `vehicle`: numbers
+    of the car where they are symbols, one more input.
     """
     signals, aux = ca.SX.sym("signals", len(SIGNALS)), ca.SX.sym("aux", len(AUXILIARY))
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
     named = dict(zip(AUXILIARY, ca.vertsplit(aux), strict=True))
     h = measurement(model, kind, ca.vertsplit(signals), ca.vertsplit(theta), _split(phi), aux=named)
-    names = ["signals", "aux", "theta", "phi"], ["h", "h_theta", "h_signals"]
     learnt = ca.vertcat(theta, phi) if with_effects else theta
     unseen = ca.SX.sym("unseen", phi.numel()) if with_effects else phi
     results = [ca.densify(e) for e in (h, ca.jacobian(h, learnt), ca.jacobian(h, signals))]
-    return ca.Function("measurement", [signals, aux, learnt, unseen], results, *names)
+    given = {"signals": signals, "aux": aux, "theta": learnt, "phi": unseen}
+    given |= {} if vehicle is None else {"vehicle": vehicle}
+    return ca.Function("measurement", [*given.values()], results, [*given], ["h", "h_theta", "h_signals"])
+
+
+def of_any_car(model: SingleTrack) -> tuple[SingleTrack, Expr]:
+    """The same model of a car whose numbers are symbols, and these: what is compiled of it serves all cars."""
+    names = list(Vehicle.model_fields)
+    numbers = ca.SX.sym("vehicle", len(names))
+    symbols: dict[str, Any] = dict(zip(names, ca.vertsplit(numbers), strict=True))
+    return replace(model, vehicle=Vehicle.model_construct(**symbols)), numbers
+
+
+def compiled_for(vehicle: Vehicle, function: ca.Function) -> CompiledFunction:
+    """A function whose last input is the numbers of a car, with those of `vehicle`."""
+    compiled = compile_function(function, flags=EXACT)
+    compiled.inputs[-1][:, 0] = list(vehicle.model_dump().values())
+    return compiled
 
 
 def axle_forces(vehicle: Vehicle, ax: float, ay: float, yaw_acc: float, steer: float) -> npt.NDArray[np.float64]:

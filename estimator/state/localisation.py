@@ -16,7 +16,8 @@ import numpy as np
 from estimator.state.alignment import UNKNOWN_STD, Alignment
 from estimator.state.filter_steps import BANK_SHARE, BIAS_AX, BIAS_YAW_RATE, GRADE_SHARE, STATES, VX, VY, YAW, X, Y
 from estimator.state.state_filter import SEEN, ImuReading, StateFilter, Unseen
-from hil_gateway.bus.messages import Estimate, Heading, Lacks, VehicleState
+from hil_gateway.bus.delivered import Delivered
+from hil_gateway.bus.messages import Agreement, Estimate, Heading, Lacks, VehicleState
 from hil_gateway.car.car import Car, Receiver
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.perceive.road_speed import rests
@@ -77,8 +78,11 @@ class Localisation:
         self._lost = False
         """fixes were refused in a row: nothing is valid until the car is slow"""
 
-    def step(self, state: VehicleState, seq: int) -> Estimate:
-        """Estimate at the time of `state`; one that is no newer than the last changes nothing."""
+    def step(
+        self, state: VehicleState, seq: int, delivered: Delivered | None = None, ours: Agreement | None = None
+    ) -> Estimate:
+        """Estimate at the time of `state`; one that is no newer than the last changes nothing. `delivered` and `ours`
+        (track and car) are passed on with it."""
         dt = self._elapsed(state)
         if dt > 0.0:
             self._stamp_ns = state.stamp_ns
@@ -89,7 +93,7 @@ class Localisation:
                 self._update(state, fix)
             elif fix is not None and state.valid:
                 self._start(state, *fix)
-        return self._estimate(state, seq)
+        return self._estimate(state, seq, delivered, ours)
 
     @property
     def motion_covariance(self) -> Array:
@@ -235,7 +239,7 @@ class Localisation:
         c, s = cos(across), sin(across)
         return -GRAVITY * (c * uphill + s * left_up), -GRAVITY * (c * left_up - s * uphill)
 
-    def _estimate(self, state: VehicleState, seq: int) -> Estimate:
+    def _estimate(self, state: VehicleState, seq: int, delivered: Delivered | None, ours: Agreement | None) -> Estimate:
         f = self.filter
         x, y, yaw, vx, vy, _, _, br, *_ = f.mean.tolist()
         ax, ay, _ = self._read
@@ -250,7 +254,8 @@ class Localisation:
             bias_ax=ax - fx, bias_ay=ay - fy, bias_yaw_rate=br,
             std=(*std[:5], f.yaw_rate_std, *std[5:8]),
             grade_share=float(f.mean[GRADE_SHARE]), bank_share=float(f.mean[BANK_SHARE]),
-            steer=state.steer, drive=state.drive, innovations_rejected=f.rejected, lacks=lacks, bridged=self._bridged,
+            steer=state.steer, drive=state.drive, innovations_rejected=f.rejected, delivered=delivered, lacks=lacks,
+            bridged=self._bridged, agreement=ours,
         )  # fmt: skip
 
     def _lacks(self, position_std: float, yaw_std: float) -> Lacks:

@@ -6,6 +6,7 @@ The bus, the recorder, the dashboard, the watchdogs and the documentation are al
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 from hil_gateway.bus import messages as m
@@ -37,7 +38,7 @@ class Topic(Generic[M]):
     max_bytes: int = 16_384
     """of one message; larger ones are counted and not parsed"""
 
-    @property
+    @cached_property
     def period_ns(self) -> int:
         """Between two messages, ns; of a topic with a rate."""
         return round(NS_PER_S / self.rate_hz)

@@ -58,7 +58,8 @@ class Vehicle(Model):
     def own_time(self) -> float:
         """s, root of wheelbase over gravity: what cars of all sizes do alike takes
         as many of these (Froude's similarity): about 0.5 s for a race car, 0.13 s for one at 1:10."""
-        return float((self.wheelbase / GRAVITY) ** 0.5)
+        root: float = (self.wheelbase / GRAVITY) ** 0.5
+        return root
 
     @property
     def static_load_front(self) -> float:

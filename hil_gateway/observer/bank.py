@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from statistics import NormalDist
+from struct import Struct
 
 import numpy as np
 
@@ -65,7 +66,13 @@ class Bank:
         self._moving = False
         self._used: tuple[bool, ...] = ()
         """measurements that were there in the last period"""
-        function.inputs[2][-len(numbers) :, 0] = numbers
+        given = function.inputs[2][:, 0]
+        given[-len(numbers) :] = numbers
+        self._given, self._period = given.data, Struct(f"{len(given) - len(numbers)}d")
+        self._before, self._after = (
+            [array.reshape(-1, order="F").data for array in of[:2]] for of in (function.inputs, function.outputs)
+        )
+        """means and covariances of all filters: copied through views, several times quicker than arrays"""
 
     @property
     def without(self) -> FilterLane:
@@ -77,14 +84,14 @@ class Bank:
         """A period whose first entry is its length; which other measurements are there, and whether the IMU is."""
         if not self._moving:
             self._begin()
-        means, covariances, given, uses = self._function.inputs
-        given[: len(period), 0] = period
+        self._period.pack_into(self._given, 0, *period)
         if self._used != (used := (*others, imu)):
-            self._used = used
+            self._used, uses = used, self._function.inputs[3]
             uses[: -self._imu] = np.array(others)[:, np.newaxis]
             self.main.uses[-self._imu :] = imu
         self._function()
-        means[:], covariances[:] = self._function.outputs[:2]
+        for before, after in zip(self._before, self._after, strict=True):
+            before[:] = after
         for lane in self._lanes:
             lane.age_s += period[0]
 

@@ -23,6 +23,7 @@ MOVING = 0.5
 STATE = {name: i for i, name in enumerate(STATES)}
 OUTPUT = {name: i for i, name in enumerate(OUTPUTS)}
 STEER = STATE["steer"]
+VELOCITY = slice(STATE["vx"], STATE["vy"] + 1)
 TYRE_USE = slice(OUTPUT["use_front"], OUTPUT["slip_rear"] + 1)
 SURROUNDINGS = INPUTS.index("gravity_x")
 """the inputs from there on are those of the place"""
@@ -111,6 +112,11 @@ class Car:
     def output(self, name: str) -> float:
         """An output by name (`dynamics.OUTPUTS`), SI, at the start of the last step."""
         return self._outputs[OUTPUT[name]]
+
+    @property
+    def velocity(self) -> Sequence[float]:
+        """Along the car and to its left, m/s."""
+        return self._state[VELOCITY]
 
     @property
     def tyre_use(self) -> Sequence[float]:

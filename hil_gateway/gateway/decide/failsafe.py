@@ -238,6 +238,7 @@ TABLE: tuple[Row, ...] = (
 
 MEASURES = frozenset(row.measure for row in TABLE)
 ROWS = {row.cause: row for row in TABLE}
+_MEASURES = tuple(row.measure for row in TABLE)
 _SEVERITY = {action: rank for rank, action in enumerate(FailsafeAction)}
 
 
@@ -328,8 +329,8 @@ def missing_for_arming(inputs: Inputs) -> tuple[str, ...]:
 
 def _firing(inputs: Inputs) -> list[Row]:
     """In order of the table; nearly always none, and a row whose measure is 0 cannot fire."""
-    measures = inputs.measures
-    return [row for row in TABLE if measures.get(row.measure) != 0.0 and row.fires(measures)]
+    held = zip(TABLE, map(inputs.measures.get, _MEASURES), strict=True)
+    return [row for row, held_s in held if held_s != 0.0 and row.fires(inputs.measures)]
 
 
 def table_markdown() -> str:

@@ -31,7 +31,7 @@ class LoadJudge:
     def step(self) -> None:
         """Take in the step just made."""
         car = self._car
-        vx, vy = car["vx"], car["vy"]
+        vx, vy = car.velocity
         if abs(vx) < JUDGED_SPEED and abs(vy) < JUDGED_SPEED:
             self._spell, self._spun = 0, False
             return
