@@ -62,8 +62,9 @@ def _section(table: Table) -> str:
 
 
 def _together(tables: Sequence[Table]) -> str:
-    columns = ("command", "commit", *tables[0].columns, "note")
-    return "\n".join([*_grid(columns, [(f"`{t.command}`", t.commit, *t.rows[0], t.note) for t in tables]), ""])
+    noted = ("note",) if any(table.note for table in tables) else ()
+    rows = [(f"`{t.command}`", t.commit, *t.rows[0], *([t.note] if noted else [])) for t in tables]
+    return "\n".join([*_grid(("command", "commit", *tables[0].columns, *noted), rows), ""])
 
 
 def _grid(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -71,23 +72,15 @@ def _grid(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def fault_rows(report: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:
-    """Of a survey: stops that keep to the road, a track a row."""
-    columns = ("track", "single faults that stop", "off the road", "of these by physics", "kept", "pairs kept")
-
-    def row(name: str, found: dict[str, Any]) -> tuple[str, ...]:
-        single, pairs = found["single"], found["pairs"]
-        off, physics = len(single["stops off the road"]), single["off the road by physics"]
-        return (
-            name,
-            str(single["stops"]),
-            str(off),
-            str(physics),
-            _percent(single["kept"]),
-            f"{_percent(pairs['kept'])} of {pairs['stops']}",
-        )
-
-    tracks = [row(track, found) for track, found in report["tracks"].items()]
-    return columns, (*tracks, row("all", report["all"]))
+    """Of a survey: stops that keep to the road."""
+    columns = ("stops", "off the road", "by physics", "unnoticed", "kept", "by track", "pairs kept", "without a fault")
+    single, pairs, healthy = report["all"]["single"], report["all"]["pairs"], report["without a fault"]
+    off, physics = len(single["stops off the road"]), single["off the road by physics"]
+    unnoticed = len(single["off the road unnoticed"]) + len(pairs["off the road unnoticed"])
+    tracks = ", ".join(f"{Path(t).stem} {_percent(found['single']['kept'])}" for t, found in report["tracks"].items())
+    kept, both = _percent(single["kept"]), f"{_percent(pairs['kept'])} of {pairs['stops']}"
+    false = f"{healthy['false stops']} of {healthy['places']}"
+    return columns, ((*map(str, (single["stops"], off, physics, unnoticed)), kept, tracks, both, false),)
 
 
 def lap_rows(summary: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:

@@ -6,8 +6,11 @@ import pytest
 
 from benchmarks.results import READERS, ROOT, keep, load
 
-SINGLE = {"stops": 40, "stops off the road": ["a", "b"], "off the road by physics": 1, "kept": 0.975}
-FOUND = {"single": SINGLE, "pairs": {"stops": 6, "kept": 0.5}}
+SINGLE = {
+    "stops": 40, "kept": 0.975,
+    "stops off the road": ["a", "b"], "off the road by physics": 1, "off the road unnoticed": [],
+}  # fmt: skip
+FOUND = {"single": SINGLE, "pairs": {"stops": 6, "kept": 0.5, "off the road unnoticed": ["a"]}}
 
 
 @pytest.mark.parametrize("area", READERS)
@@ -16,10 +19,10 @@ def test_a_page_is_what_its_json_says(area: str) -> None:
 
 
 def test_a_survey_takes_the_place_of_the_one_before() -> None:
-    report = {"tracks": {"oval": FOUND}, "all": FOUND}
+    report = {"tracks": {"oval": FOUND}, "all": FOUND, "without a fault": {"places": 7, "false stops": 2}}
     page = keep("faults", "Survey 9830", report, "hil verify --fault-survey 9830")
     assert [table.heading for table in page.tables].count("Survey 9830") == 1
-    assert "| oval | 40 | 2 | 1 | 97.5 % | 50.0 % of 6 |" in page.markdown()
+    assert "| 40 | 2 | 1 | 1 | 97.5 % | oval 97.5 % | 50.0 % of 6 | 2 of 7 |" in page.markdown()
 
 
 def test_a_car_that_has_not_driven_its_laps_has_no_figure_for_them() -> None:
