@@ -281,5 +281,5 @@ def _sensitivities(model: SingleTrack) -> ca.Function:
 
 def _variances(jacobian: Array, covariance: Array) -> list[float]:
     """Variance of each row of what is linear in something of this covariance; zero where numbers broke."""
-    variances: list[float] = np.nan_to_num(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)).tolist()
+    variances: list[float] = np.nan_to_num(((jacobian @ covariance) * jacobian).sum(axis=1)).tolist()
     return variances

@@ -93,6 +93,7 @@ class TyreBelief:
         self.names = tuple(p.name for p in table)
         self.prior = np.array([*(p.prior for p in model.tyre_table), *(() if effects is None else effects)])
         self.scale = np.array([p.prior_std for p in table])
+        self._scales = np.outer(self.scale, self.scale)
         self.lower = (np.array([p.lower for p in table]) - self.prior) / self.scale
         self.upper = (np.array([p.upper for p in table]) - self.prior) / self.scale
         self.channel_variance = self.settings.channel_std(model.vehicle.mass) ** 2
@@ -111,7 +112,7 @@ class TyreBelief:
 
     def set_covariance(self, covariance: Array) -> None:
         """Start from a known covariance of theta, SI, instead of the prior's."""
-        self.scaled_covariance = covariance / np.outer(self.scale, self.scale)
+        self.scaled_covariance = covariance / self._scales
 
     @property
     def mean(self) -> Array:
@@ -121,7 +122,7 @@ class TyreBelief:
     @property
     def covariance(self) -> Array:
         """Posterior covariance of theta, SI."""
-        return np.asarray(self.scaled_covariance * np.outer(self.scale, self.scale))
+        return np.asarray(self.scaled_covariance * self._scales)
 
     @property
     def log_det_information(self) -> float:

@@ -202,14 +202,15 @@ def predict(moment: FilterMoment, *imu: Expr) -> None:
     car turns. The place is the one the fixes give, which wander and drift.
     """
     given = ca.vertcat(*imu), ca.vertcat(*moment.car)
-    moment.mean, moment.yaw_rate, F, noise = _motion(moment.noise)(moment.mean, moment.yaw_rate, *given)
-    moment.covariance = symmetric(F @ moment.covariance @ F.T + noise)
+    before = moment.mean, moment.covariance, moment.yaw_rate
+    moment.mean, moment.covariance, moment.yaw_rate = _motion(moment.noise)(*before, *given)
 
 
 @cache
 def _motion(n: FilterNoise) -> ca.Function:
-    """(mean, yaw rate, what `predict` is given, `FilterCar`) to mean and yaw rate after the step, Jacobian of the mean
-    and covariance of what the step adds to it."""
+    """(mean, covariance, yaw rate, what `predict` is given, `FilterCar`) to the first three after the step: mostly
+    zeros, which loops would not leave out."""
+    P = ca.SX.sym("covariance", len(STATES), len(STATES))
     m, before, imu = ca.SX.sym("mean", len(STATES)), ca.SX.sym("before"), ca.SX.sym("imu", 9)
     known = ca.SX.sym("car", len(FilterCar._fields))
     car = FilterCar(*ca.vertsplit(known))
@@ -240,7 +241,7 @@ def _motion(n: FilterNoise) -> ca.Function:
     white = car.accel**2 + n.accel_model**2 + accel_variance
     noise = G @ ca.diag(ca.vertcat(white, white, car.yaw_rate**2 + rate_variance)) @ G.T
     noise += _walks(n, car.position_wander, dt)
-    return ca.Function("motion", [m, before, imu, known], [after, rate, F, noise])
+    return ca.Function("motion", [m, P, before, imu, known], [after, symmetric(F @ P @ F.T + noise), rate])
 
 
 def levelled(ax: Any, ay: Any, cos: Any, sin: Any) -> tuple[Any, Any]:

@@ -102,12 +102,12 @@ def computer_codes(codes: Mapping[str, int]) -> dict[CtState, int]:
 
 def stronger_vehicle_flag(one: int, other: int) -> int:
     """The more restrictive of the flags of two transmitters."""
-    return max(one, other, key=_severity)
+    return one if one == other else max(one, other, key=_severity)
 
 
 def stronger_track_flag(one: int, other: int) -> int:
     """The more restrictive of the track flags of two transmitters."""
-    return max(one, other, key=lambda flag: _RANKS.get(flag, 0))
+    return one if one == other else max(one, other, key=lambda flag: _RANKS.get(flag, 0))
 
 
 _RANKS: Mapping[int, int] = {
