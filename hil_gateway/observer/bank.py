@@ -62,7 +62,8 @@ class Bank:
         self._function, self._fast, self._imu = function, fast, imu
         self._prior = prior[0], np.diag(prior[1] ** 2)
         self.main, *self._lanes = (FilterLane(function, i) for i in range(FILTERS))
-        self.main.mean[:], self.main.covariance[:] = self._prior
+        for lane in (self.main, *self._lanes):
+            lane.mean[:], lane.covariance[:] = self._prior
         self._moving = False
         self._used: tuple[bool, ...] = ()
         """measurements that were there in the last period"""

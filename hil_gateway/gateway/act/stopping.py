@@ -17,8 +17,8 @@ import numpy as np
 from hil_gateway.bus.messages import Plan, PlanStatus
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, plan_path, way_along
-from hil_gateway.gateway.perceive.dead_reckoning import SLIP_FROM, Pose
-from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import StopConfig, beside
 from hil_gateway.track.track import Track
@@ -33,8 +33,8 @@ YAW_RATE_GAIN = 0.04
 """K, rad of steering per rad/s. A car with more grip in front than behind turns the faster the faster it turns, at up
 to 2 1/s at 70 m/s when braking has moved the load forward: without K it weaves until it spins. 0.03 just holds such a
 car with steering that is 0.1 s late; 0.07 still steadies every car tried"""
-YIELDS_FROM = 2.0
-"""m/s2 of lateral force from which slip a m/s2 is more than noise"""
+BRAKED_UNDERSTEER = 0.5
+"""of the understeer is left under the brakes: they load the front axle"""
 FLAT_YAW_RATE_GAIN = 0.07
 """K with a flat tyre: with 0.04 the simulated race car spins on straights at 50 m/s when a rear tyre is flat, with 0.08
 it does not, with 0.14 it weaves until it spins; 0.07 still steadies every sound car tried"""
@@ -73,8 +73,6 @@ class Stopping:
         self._clear = CLEAR
         self._asked = 0.0
         """curvature that the steering asks for, 1/m"""
-        self._yields = 0.0
-        """slip angle of the rear axle, rad a m/s2 of lateral force; negative: the nose points to the inside"""
 
     def take_plan(self, plan: Plan, stopping: bool) -> None:
         """Keep a fresh solution as the path to stop on; what the planner falls back to is no better.
@@ -139,7 +137,7 @@ class Stopping:
         look_ahead = max(LOOK_AHEAD_MIN, (LOOK_AHEAD_S + late_s) * pose.speed)
         x, y = path.ahead(rear_x, rear_y, look_ahead)
         bend = float(self._curvature[path.nearest(rear_x, rear_y)])
-        angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw - self._rear_slip(pose, motion, bend)
+        angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw - self._rear_slip(motion, bend)
         distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)
         curvature = 2 * math.sin(angle) / distance
         if not motion.by_gyro:
@@ -155,17 +153,15 @@ class Stopping:
         most = TURNS_MOST * self._config.grip(self._vehicle, speed) / max(speed, 1.0) ** 2
         return min(max(curvature, -most), most)
 
-    def _rear_slip(self, pose: Pose, motion: Motion, curvature: float) -> float:
+    def _rear_slip(self, motion: Motion, curvature: float) -> float:
         """Angle from where the car points to where its rear axle goes on a path of this curvature, rad.
 
-        As much a m/s2 of lateral force as now: answered to the slip itself, a car that oversteers weaves. Without a
-        gyro the yaw of the pose is the course of the centre of gravity.
+        Answered to the slip that it has, a car that oversteers weaves. Without a gyro the yaw of the pose is the course
+        of the centre of gravity.
         """
         if not motion.by_gyro:
             return -self._vehicle.lr * curvature
-        if pose.slip and motion.speed > SLIP_FROM and abs(motion.ay) > YIELDS_FROM:
-            self._yields = (pose.slip - self._vehicle.lr * motion.yaw_rate / motion.speed) / motion.ay
-        return self._yields * motion.speed**2 * curvature
+        return -motion.yields[1] * motion.speed**2 * curvature
 
     def _for_bends(self, path: Path, pose: Pose, speed: float) -> float:
         """Deceleration after which no bend ahead needs more than `BEND_SHARE` of the declared grip, m/s2.

@@ -18,9 +18,8 @@ import numpy as np
 
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, moved_share
-from hil_gateway.gateway.perceive.motion import UNDERSTEER, UNDERSTEER_MOST, Motion, periods_late
+from hil_gateway.gateway.perceive.motion import Motion, periods_late
 from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
 from hil_gateway.track.track import Track
@@ -40,10 +39,6 @@ LOST_M = -10.0
 """how far off the road does not matter any more"""
 JUDGED_S = 0.1
 """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
-AGREE = 0.003
-"""rad at the road wheel within which report and command agree: the lag of a command that moves by 1 deg/s, and play"""
-LEARNT = 0.03
-"""weight of a period: 0.3 s, in which a car's understeer stays as it is"""
 APART = 0.03
 """rad/s that the reported angle must explain the yaw rate better than the commanded one: ten times the gyro's noise"""
 WATCHED = 40
@@ -75,8 +70,6 @@ class StuckSteering:
         """yaw rate, and what the commanded angle comes to by now, rad/s"""
         self._reported = self._asked = 0.0
         """that the car has had the time to turn with, rad"""
-        self._yields = FadingRatio(LEARNT, UNDERSTEER, 1.0)
-        """angle beyond that of a slow car over a_y while report and command agree, rad a m/s2"""
         self._reported_off = self._asked_off = 0.0
         """of the yaw rate from what the reported and the commanded angle come to, lately, rad/s"""
         self.stands = False
@@ -133,24 +126,17 @@ class StuckSteering:
         """
         share, length, speed = PERIOD_S / (JUDGED_S + PERIOD_S), self._vehicle.wheelbase, max(motion.speed, 1.0)
         reported, asked = math.tan(self._reported), math.tan(self._asked)
-        if abs(reported - asked) < AGREE:
-            beyond = reported - length * motion.yaw_rate / speed
-            self._yields.learn(beyond, motion.ay)
-        understeer = min(max(self._yields.alone, 0.0), UNDERSTEER_MOST)
-        gain = motion.speed / (length + understeer * motion.speed**2)
-        shown = length * motion.yaw_rate / speed + understeer * motion.ay
+        gain = motion.speed / (length + motion.understeer * motion.speed**2)
+        shown = length * motion.yaw_rate / speed + motion.understeer * motion.ay
         self._rates.append((motion.yaw_rate, gain * asked))
         self._reported_off += share * (gain * abs(shown - reported) - self._reported_off)
         self._asked_off += share * (gain * abs(shown - asked) - self._asked_off)
 
     def _ways(self, motion: Motion, steer: float) -> tuple[_Way, _Way]:
         """Sliding straight on, and rolling on along an arc that becomes tighter as understeer goes with the speed."""
-        length, now = self._vehicle.wheelbase, motion.yaw_rate / max(motion.speed, 1.0)
-        gradient = (math.tan(steer) / now - length) / max(motion.speed, 1.0) ** 2 if abs(now) > 1e-4 else UNDERSTEER
-        understeer = min(max(gradient, 0.0), 2.0 * UNDERSTEER)
 
         def arc(speed: float) -> float:
-            return math.tan(steer) / (length + understeer * speed**2)
+            return math.tan(steer) / (self._vehicle.wheelbase + motion.understeer * speed**2)
 
         def left(speed: float) -> float:
             return beside(arc(speed) * speed**2, self._grip(speed))

@@ -13,7 +13,6 @@ from typing import NamedTuple
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
-from hil_gateway.gateway.perceive.fading_ratio import LEARNT, FadingRatio
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.observer.observer import SLOWEST
@@ -28,8 +27,6 @@ SHORTEST_M = 0.5
 
 SLIP_FROM = SLOWEST
 """m/s from which side slip matters"""
-SLIP_MOST = 0.008
-"""rad per m/s2: a rear axle at its limit at 10 m/s2 and 0.08 rad"""
 
 
 class Pose(NamedTuple):
@@ -46,14 +43,12 @@ class Pose(NamedTuple):
 class DeadReckoning:
     """The pose now; None before the first estimate, and where nothing was heard for so long that it is not known.
 
-    Side slip is carried on as l_r r / v - k a_y (single track with a linear rear tyre); the estimates teach k.
+    Side slip is carried on as l_r r / v - k a_y (single track with a linear rear tyre), with k of the observer.
     """
 
     def __init__(self, rear: float) -> None:
         """`rear`: distance of the rear axle behind the centre of gravity, m."""
         self._rear = rear
-        self._yields = FadingRatio(LEARNT, xx=1.0)
-        """slip angle of the rear axle over a_y, as the estimates say, rad a m/s2"""
         self.pose: Pose | None = None
         self._by_gyro = True
         self._pose_ns = 0
@@ -75,7 +70,6 @@ class DeadReckoning:
         if estimate is not None and not (estimate.valid or motion.speed < STANDSTILL):
             estimate = None  # its heading is a guess
         if estimate is not None and (self.pose is None or estimate.state_stamp_ns != self._answered_ns):
-            self._learn(estimate, motion)
             self.pose = Pose(estimate.x, estimate.y, estimate.yaw, estimate.vx, self._slip(motion))
             self._answered_ns = self._pose_ns = estimate.state_stamp_ns
             self._blind_m, self._fix_seq = 0.0, state.position_seq
@@ -108,17 +102,10 @@ class DeadReckoning:
         middle = 0.5 * (before + yaw) + slip
         return Pose(pose.x + speed * math.cos(middle) * dt, pose.y + speed * math.sin(middle) * dt, yaw, speed, slip)
 
-    def _learn(self, estimate: Estimate, motion: Motion) -> None:
-        """How far the rear axle slips a m/s2 of lateral force, from what an estimate says of the side slip."""
-        if estimate.vx > SLIP_FROM and motion.by_gyro:
-            rear = (self._rear * estimate.yaw_rate - estimate.vy) / estimate.vx
-            self._yields.learn(rear, motion.ay)
-
     def _slip(self, motion: Motion) -> float:
         if not motion.by_gyro or motion.speed < SLIP_FROM:
             return 0.0
-        share = min(max(self._yields.alone, 0.0), SLIP_MOST)
-        return self._rear * motion.yaw_rate / motion.speed - share * motion.ay
+        return self._rear * motion.yaw_rate / motion.speed - motion.yields[1] * motion.ay
 
     def _corrected(self, pose: Pose, state: VehicleState, motion: Motion, aside: tuple[float, float]) -> Pose:
         """Moved towards the fix that arrived this period, if one did."""

@@ -10,7 +10,7 @@ from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.act.stuck_steering import StuckSteering
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.motion import UNDERSTEER, Motion
+from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.settings.gateway import StopConfig
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
@@ -23,6 +23,8 @@ LONGEST_STRAIGHT = max(
 )
 """where the longest straight of the track begins, m"""
 BEND = 1.0 / 200.0
+UNDERSTEER = 1e-3
+"""rad a m/s2"""
 
 
 def angle(curvature: float) -> float:
@@ -47,7 +49,7 @@ def slides(track: Track | None, curvature: float, reported: float, asked: float)
 
 def moving(yaw_rate: float) -> Motion:
     """At `SPEED` on level road, rad/s."""
-    return Motion(SPEED, yaw_rate, SPEED * yaw_rate)
+    return Motion(SPEED, yaw_rate, SPEED * yaw_rate, yields=(UNDERSTEER, 0.0))
 
 
 def test_steering_that_stands_still_in_a_bend_that_ends_makes_the_car_slide_straight_on() -> None:
@@ -85,7 +87,7 @@ def test_steering_whose_report_moves_with_its_command_steers_whatever_its_offset
 @pytest.mark.parametrize(("share", "more"), [(0.3, 0.0), (0.75, 0.08)])
 def test_a_car_that_has_not_turned_yet_with_a_command_that_jumps_goes_on_steering(share: float, more: float) -> None:
     """The report hangs; the command of the stop jumps, which the car answers 0.1 s late and with its turn-in, turning
-    by `more` (rad/s) than its angle means, as on a bank."""
+    by `more` (rad/s) than its angle means, as on a bank, whose gravity it does not feel."""
     asked = [angle(BEND)] * 100 + [angle(share * BEND)] * 60
     p = OVAL.at(LONGEST_STRAIGHT)
     pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(load_car(), StopConfig(), OVAL)
@@ -93,7 +95,7 @@ def test_a_car_that_has_not_turned_yet_with_a_command_that_jumps_goes_on_steerin
     for tick, asked_now in enumerate(asked):
         if tick > 100:
             yaw_rate += 0.1 * (SPEED * BEND * (1.0 if tick < 110 else share) + more - yaw_rate)
-        motion = moving(yaw_rate)
+        motion = moving(yaw_rate)._replace(ay=SPEED * (yaw_rate - more))
         stuck.watch(asked[0], asked_now, motion)
         if tick > 100:
             steers = stuck.steers(motion)
