@@ -57,9 +57,8 @@ class Observer:
         self._forget()
 
     def _forget(self) -> None:
-        self.imu_off = self.side_off = self.wheel_off = self.speed_off = 0.0
-        """how far the IMU is off what the others predict; both axles' wheels to one side; one axle's wheels; the speed
-        of the wheels"""
+        self.imu_off = self.wheel_off = self.speed_off = 0.0
+        """how far the IMU is off what the others predict; one axle's wheels; the speed of the wheels"""
 
     @property
     def steer_zero(self) -> float:
@@ -122,6 +121,5 @@ class Observer:
             self._longitudinal.renew()
         if wheels:
             front, rear, *_ = self._lateral.main.off
-            self.side_off = min(abs(front), abs(rear)) / GATE if front * rear > 0.0 else 0.0
             self.wheel_off = max(abs(front), abs(rear)) / GATE
             self.speed_off = abs(self._longitudinal.main.off[0]) / GATE

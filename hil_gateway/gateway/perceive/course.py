@@ -97,18 +97,6 @@ class CourseReader:
         return None if scattered else (parabola, newest_ns)
 
 
-class SteadyCourse:
-    """A course that fixes have had for a whole window: fixes that scatter lie on one curve by chance now and then."""
-
-    def __init__(self) -> None:
-        self._periods = 0
-
-    def step(self, course: Course | None) -> Course | None:
-        """`course`, once there was one in every period of a window."""
-        self._periods = 0 if course is None else self._periods + 1
-        return course if self._periods >= COURSE_WINDOW else None
-
-
 class _Parabola(NamedTuple):
     """Place over time; x + i y of it, m, of its velocity, m/s, and of half its acceleration, m/s2; what a metre of
     noise makes of that, 1/s2."""

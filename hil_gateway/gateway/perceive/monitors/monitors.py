@@ -9,7 +9,7 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.course import OLDEST_S, Course, SteadyCourse
+from hil_gateway.gateway.perceive.course import OLDEST_S, Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, SILENT_S, Comparison, ConditionTime
 from hil_gateway.gateway.perceive.inbox import usable
@@ -49,8 +49,7 @@ class Monitors:
         self._observer = Observer(config)
         self.motion = MotionReader(car, self._observer)
         self.position = PositionMonitor(config.placing.noise)
-        self._steady = SteadyCourse()
-        self._imu, self._side, self._wheel, self._speed, self._by_fixes, self._turn = (Comparison() for _ in range(6))
+        self._imu, self._wheel, self._speed, self._by_fixes, self._turn = (Comparison() for _ in range(5))
         self._itself = ImuMonitor(car)
         self._braked = Braked(config)
         self._following = FollowingMonitor(car)
@@ -93,19 +92,16 @@ class Monitors:
         """Difference over bound of the monitors that compare with one, in this period."""
         return {
             "IMU, all others": self._imu.share,
-            "wheels of a side": self._side.share,
             "one wheel": self._wheel.share,
             "speed of the wheels": self._speed.share,
             "speed of the wheels, fixes": self._by_fixes.share,
             "gyro, fixes": self._turn.share,
         }
 
-    def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], reckoned: bool) -> None:
-        """What an estimator thinks of the fixes counts while the sensors it judges them by are believed. `reckoned`:
-        where the car is is known without its estimates, too."""
+    def miss_estimates(self, now_ns: int, estimate: Latest[Estimate], reckoned: bool) -> None:
+        """`reckoned`: where the car is is known without estimates, too."""
         follows = reckoned and self._stopping and self.motion.motion.speed > STANDSTILL
         self._estimate_gone = follows and (self._estimate_gone or not usable(estimate, now_ns))
-        self.position.heed(now_ns, state, estimate, believed=not self.imu_suspect and not self.wheels_wrong)
 
     def measures(  # noqa: PLR0917 - what there is in a period
         self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: ActuatorPositions | None,
@@ -128,7 +124,7 @@ class Monitors:
         self._distrust(sensors, max(sensors.speed, unanswered_s))
         no_wheels, no_imu = self.wheels_wrong, self.imu_wrong
         return {
-            "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
+            "position_wrong": INFINITE if self.position.wrong else 0.0,
             "position_lost": self.position.lost_s,
             "wheel_speed_wrong": max(sensors.wheels, self._without_wheels.update(no_wheels, now_ns)),
             "yaw_rate_wrong": max(sensors.imu, self._without_imu.update(no_imu, now_ns) + CONTRADICTED_S * no_imu),
@@ -146,11 +142,9 @@ class Monitors:
         wheels = state.sources["wheel_speeds"].valid
         both = wheels and state.sources["imu"].valid and not self._imu_gone
         braked = self._braked.step(self.motion.pressed(state), speed)
-        steady = self._steady.step(course)
-        fixes = None if self.position.wrong and not self.imu_wrong else steady
+        fixes = None if self.position.wrong and not self.imu_wrong else course
         off_s = self._imu.update(observer.imu_off, now_ns)
         imu = INFINITE if self._itself.found else off_s
-        side = self._side.update(observer.side_off, now_ns)
         one = self._wheel.update(observer.wheel_off if braked < INNER else 0.0, now_ns)
         changes = self._speed.update(observer.speed_off if both else 0.0, now_ns)
         apart = 0.0
@@ -159,7 +153,7 @@ class Monitors:
         by_fixes = self._by_fixes.update(apart, now_ns)
         self.position.contradicted(self._turn.update(self.motion.contradicts(fixes if both else None), now_ns))
         slipping = min(changes, by_fixes) > 0.0 and braked < 1.0
-        return SensorMonitors(imu, max(one, side), changes, fixes is not None, slipping)
+        return SensorMonitors(imu, one, changes, fixes is not None, slipping)
 
     def _miss(self, now_ns: int, state: VehicleState) -> None:
         """An IMU that no longer measures, or is gone while the wheels go on reporting."""

@@ -42,7 +42,7 @@ class Drive:
     def run(
         self, seconds: float, change: Change = dict, *, steers: bool = True, braking: float = 0.0
     ) -> tuple[float, float]:
-        """Largest shares of chance that the IMU and both axles' wheels came to; with `braking` (m/s2) the car becomes
+        """Largest shares of chance that the IMU and one axle' wheels came to; with `braking` (m/s2) the car becomes
         slower in the wheels' speeds and for the IMU alone."""
         imu = wheels = 0.0
         pushed = 0.0 if braking else PUSHED
@@ -55,7 +55,7 @@ class Drive:
             acts, imu_reports = Acts(state.steer, braking, pushed), state.sources["imu"].valid
             speed = SPEED - 0.01 * tick * braking
             self.observer.step(state, speed, speed, acts, 0.0, imu_reports, judges=True, steers=steers)
-            imu, wheels = max(imu, self.observer.imu_off), max(wheels, self.observer.side_off)
+            imu, wheels = max(imu, self.observer.imu_off), max(wheels, self.observer.wheel_off)
         return imu, wheels
 
     @property
