@@ -198,20 +198,18 @@ class Gateway:
     ) -> tuple[Motion, Pose | None, Measures]:
         """The same of `then_ns`, which what arrives now tells of; estimates from frames that are late say nothing."""
         monitors, in_time = self.monitors, now_ns == then_ns
-        fixes_fitted, imu_was_wrong, known = monitors.fixes_fit, monitors.imu_wrong, monitors.position.wrong
+        fixes_fitted, imu_was_wrong = monitors.fixes_fit, monitors.imu_wrong
         course = self._course.step(now_ns, self.builder.fixes)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
         motion = monitors.motion.step(then_ns, state, course if fixes_fitted else None, commanded)
         monitors.position.step(then_ns, state, motion, self._dead_reckoning.pose, rolls=not before.stopping)
-        learns = not monitors.position.wrong
-        outvoted_s = self._receivers.step(now_ns, self.builder, learns)
+        outvoted_s = self._receivers.step(now_ns, self.builder)
         estimate = self.inbox.read_estimate(now_ns)
         if in_time:
             monitors.position.outvoted(outvoted_s)
             monitors.miss_estimates(now_ns, self.inbox.estimate, self._dead_reckoning.pose is not None)
         believed = estimate if monitors.estimate_fits and in_time else None
-        drifts, aside = monitors.position.drifts, self._drifted(known)
-        pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fixes_fit or drifts, aside)
+        pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fixes_fit)
         monitored = monitors.measures(now_ns, state, pose, commanded, course, before.stopping, self._tyres.flat)
         found = monitors.imu_wrong and not imu_was_wrong
         if found:  # a stop that begins now must not go by what was false
@@ -219,15 +217,6 @@ class Gateway:
         if course is not None and (found or pose is None):
             pose = self._dead_reckoning.restart(then_ns, course)
         return motion, pose, monitored
-
-    def _drifted(self, known: bool) -> tuple[float, float]:
-        """How far the fixes lie from the car where they drift, m in the map. A stop that begins as that is found, and
-        was not `known` before, begins where the car is, and not where they have led the estimate."""
-        if not self.monitors.position.drifts:
-            return 0.0, 0.0
-        if not known:
-            self._dead_reckoning.move_back(self._receivers.aside)
-        return self._receivers.aside
 
     def _decide(self, now_ns: int, state: VehicleState, monitored: Measures, before: Decision) -> Situation:
         """Failsafe and ladder of this period."""

@@ -56,14 +56,12 @@ class DeadReckoning:
         self._fix_seq = 0
         self._blind_m = 0.0
 
-    def step(  # noqa: PLR0917 - what a pose is made of
-        self, now_ns: int, state: VehicleState, motion: Motion, estimate: Estimate | None, believe_fixes: bool = True,
-        aside: tuple[float, float] = (0.0, 0.0),
-    ) -> Pose | None:  # fmt: skip
+    def step(
+        self, now_ns: int, state: VehicleState, motion: Motion, estimate: Estimate | None, believe_fixes: bool = True
+    ) -> Pose | None:
         """Pose at `now_ns` from the newest valid estimate, if there is one, and how the car moves.
 
-        `believe_fixes` is false from the first fix on that does not fit the way the car has gone. They lie `aside` of
-        the car, by so many m in the map.
+        `believe_fixes` is false from the first fix on that does not fit the way the car has gone.
         """
         if now_ns - self._pose_ns > UNSEEN_S * NS_PER_S:  # held up itself
             self.pose = None
@@ -76,13 +74,8 @@ class DeadReckoning:
         if self.pose is not None:
             self.pose = self._carried_on(self.pose, now_ns, motion)
             if believe_fixes:
-                self.pose = self._corrected(self.pose, state, motion, aside)
+                self.pose = self._corrected(self.pose, state, motion)
         return self.pose
-
-    def move_back(self, aside: tuple[float, float]) -> None:
-        """What the pose was reckoned from lies so far from the car, m in the map."""
-        if self.pose is not None:
-            self.pose = self.pose._replace(x=self.pose.x - aside[0], y=self.pose.y - aside[1])
 
     def restart(self, now_ns: int, course: Course) -> Pose:
         """Go on from the fixes alone: what has been reckoned so far used a wrong sensor, or nothing has been."""
@@ -107,12 +100,12 @@ class DeadReckoning:
             return 0.0
         return self._rear * motion.yaw_rate / motion.speed - motion.yields[1] * motion.ay
 
-    def _corrected(self, pose: Pose, state: VehicleState, motion: Motion, aside: tuple[float, float]) -> Pose:
+    def _corrected(self, pose: Pose, state: VehicleState, motion: Motion) -> Pose:
         """Moved towards the fix that arrived this period, if one did."""
         if state.position_seq == self._fix_seq:
             return pose
         self._fix_seq = state.position_seq
-        dx, dy = state.position_x - aside[0] - pose.x, state.position_y - aside[1] - pose.y
+        dx, dy = state.position_x - pose.x, state.position_y - pose.y
         across = math.cos(pose.yaw) * dy - math.sin(pose.yaw) * dx
         drifts = not motion.by_gyro
         turned = math.atan2(FIX_GAIN * across, self._blind_m) if drifts and self._blind_m >= SHORTEST_M else 0.0

@@ -52,7 +52,7 @@ class PositionMonitor:
         self.wrong = False
         self.source = ""
         """what found it first, in words"""
-        self._contradicted = self._drifts = False
+        self._contradicted = False
         self.lost_s = 0.0
         """seconds without a fix while moving"""
 
@@ -68,15 +68,7 @@ class PositionMonitor:
     def outvoted(self, held_s: float) -> None:
         """Both other receivers have moved away from the fixes for so long."""
         tells = self._reference is not None and held_s > CONTRADICTED_S
-        self._drifts = self._drifts or (tells and not self.suspect)
         self._note(tells, "both other receivers have moved away from them")
-
-    @property
-    def drifts(self) -> bool:
-        """Whether all that is wrong with the fixes is that the other receivers lie aside: they go the way of the car,
-        some metres beside it."""
-        fits_else = self._level <= 0.0 and not self._contradicted
-        return self._drifts and fits_else
 
     def contradicted(self, held_s: float) -> None:
         """The course of the fixes has contradicted the gyro, with which the observer sides, for so long."""
@@ -95,7 +87,7 @@ class PositionMonitor:
             self.lost_s, self._fix_ns = 0.0, now_ns
             self._creep(state, motion.speed, dt, rolls)
             if motion.speed == 0.0 or (rolls and road_speed(state) < STANDSTILL and self._level <= 0.0):
-                self.wrong = self._drifts = False
+                self.wrong = False
             return
         self._place = None
         self._carry_on(motion, dt)

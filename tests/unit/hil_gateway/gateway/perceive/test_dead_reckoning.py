@@ -84,23 +84,6 @@ def test_fixes_hold_a_drift_that_wheels_and_gyro_do_not_see(rig):
     assert math.hypot(helped.x - x, helped.y - y) < 0.2
 
 
-def test_fixes_that_are_known_to_lie_aside_hold_the_pose_beside_them(rig):
-    reckoning = DeadReckoning(REAR)
-    reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig))
-    for tick in range(1, 201):
-        fixed = state(rig, position_seq=tick // 5, position_x=0.4 * tick, position_y=1.5)
-        pose = reckoning.step(rig.now_ns + tick * TICK_NS, fixed, AHEAD, None, aside=(0.0, 1.0))
-    assert pose is not None
-    assert pose.y == pytest.approx(0.5, abs=0.05)
-
-
-def test_a_pose_that_drifting_fixes_have_led_aside_is_moved_back_at_once(rig):
-    reckoning = DeadReckoning(REAR)
-    reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig, x=2.0, y=-1.0))
-    reckoning.move_back((2.0, -1.0))
-    assert (reckoning.pose.x, reckoning.pose.y) == (0.0, 0.0)
-
-
 def test_after_a_long_way_without_a_fix_a_distant_one_is_taken(rig):
     """Blind for 120 m the pose may be metres off: what would be a jump at once is news then."""
     x, y = on_circle(3.0)

