@@ -143,7 +143,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         POSITION,
         (*_FIX, "off_road"),
         3.0,
-        "two other receivers (`marelli_gps_*`, MyLaps), whose offsets and lateness are learnt; they guide the stop",
+        "two other receivers (`marelli_gps_*`, MyLaps), whose offsets and lateness are learnt",
         _north(lambda m: 0.5 * m.t),
     ),
     CarFault("position 0.1 s late", POSITION, _FIX, 0.6, "way by wheels and gyro, above 30 m/s", None, delay_s=0.1),

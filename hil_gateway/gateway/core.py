@@ -55,7 +55,7 @@ class _Observed(NamedTuple):
 class Gateway:
     """Core of the gateway process.
 
-    `track` lets a stop go on beyond the end of the last plan; `load` says, when asked, how busy the computer is.
+    Without a `track` a stop holds the steering; `load` says, when asked, how busy the computer is.
     """
 
     def __init__(
@@ -164,10 +164,9 @@ class Gateway:
         return state
 
     def _read_bus(self, now_ns: int, before: Decision) -> None:
-        """Commands, and the plan that a stop would follow."""
+        """Commands and plans."""
         self.inbox.read_commands(now_ns, before.action)
-        if (plan := self.inbox.read_plan(now_ns)) is not None:
-            self._actor.stopping.take_plan(plan, stopping=before.stopping)
+        self.inbox.read_plan(now_ns)
 
     def _perceive(self, now_ns: int, state: VehicleState, before: Decision) -> tuple[Motion, Pose | None, Measures]:
         """How the car moves and where it is, by the sources that fit each other, and what the monitors measure."""

@@ -3,8 +3,7 @@
 In track coordinates the way is its lateral offset e over arc length s; its curvature is about k + e'' with the track's
 k. Least squares over a grid: the lateral force (v^2 (k + e''))^2, where the speed v falls as the stop brakes; its
 change with time, squared; the excess over a corridor that ends inside the road, squared; and e^2, a slight pull towards
-the middle. A plan is no way to stop on beyond its own end: a racing line is left with sideways speed where the plan
-ends, and runs along the very edge.
+the middle. A plan is no way to stop on: a racing line runs along the very edge.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from hil_gateway.bus.messages import Plan
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track, TrackPoint
@@ -54,8 +52,6 @@ CLEAR_FIRST = 0.8
 of them takes 14 m/s2 at 70 m/s, which spins a car that oversteers under the brakes"""
 CLEAR_S = 1.5
 """s after which the way keeps all of its distance: 1.4 m further in by then take 2.5 m/s2"""
-SHORTEST_STEP = 1e-3
-"""points closer together are one, m"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,19 +85,9 @@ class Path:
         return np.asarray(np.convolve(np.gradient(heading, self.s), average, mode="same")[: len(self.s)])
 
 
-def polyline(points: Array) -> Path | None:
-    """Path through `points`, shape (2, n); None when no two are distinct."""
-    steps = np.hypot(*np.diff(points)) if points.size else np.zeros(0)
-    distinct = steps > SHORTEST_STEP
-    if not distinct.any():
-        return None
-    kept = points[:, np.concatenate([[True], distinct])]
-    return Path(kept[0], kept[1], np.concatenate([[0.0], np.cumsum(steps[distinct])]))
-
-
-def plan_path(plan: Plan) -> Path | None:
-    """Path of a plan; None when it has no two distinct points."""
-    return polyline(np.array([plan.x, plan.y], dtype=np.float64))
+def polyline(points: Array) -> Path:
+    """Path through `points`, shape (2, n), no two of them in one place."""
+    return Path(points[0], points[1], np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points)))]))
 
 
 def way_along(

@@ -4,7 +4,7 @@ Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): curvature k = 2 sin(alpha) 
 distance l along the path, delta = atan(L k + U v^2 k0) + K (v k - r) with the yaw rate r, where it is that of now, the
 understeer U under the brakes and the curvature k0 of the path; alpha is taken from the direction in which the rear axle
 goes on such a path. The path is the way along the track with the least lateral force from where the car is when the
-stop begins, and as it turns then; without a track the last good plan.
+stop begins, and as it turns then; without a track the steering is held.
 Braking is as hard as configured, and harder where a bend ahead on that path would be entered too fast.
 """
 
@@ -14,9 +14,8 @@ import math
 
 import numpy as np
 
-from hil_gateway.bus.messages import Plan, PlanStatus
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, plan_path, way_along
+from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, way_along
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.process.arrays import Array
@@ -51,14 +50,13 @@ BEND_SHARE = 0.7
 
 
 class Stopping:
-    """Keeps the last good path; answers with (steer, drive)."""
+    """Keeps its path; answers with (steer, drive)."""
 
     def __init__(self, vehicle: Vehicle, config: StopConfig, force_per_drive: float, track: Track | None) -> None:
         self._vehicle = vehicle
         self._config = config
         self._force_per_drive = force_per_drive
         self._track = track
-        self._plan: Plan | None = None
         self._path: Path | None = None
         self._curvature: Array = np.zeros(0)
         self._bends: Array = np.zeros(0)
@@ -73,16 +71,6 @@ class Stopping:
         self._clear = CLEAR
         self._asked = 0.0
         """curvature that the steering asks for, 1/m"""
-
-    def take_plan(self, plan: Plan, stopping: bool) -> None:
-        """Keep a fresh solution as the path to stop on; what the planner falls back to is no better.
-
-        During a stop the path stays: plans made meanwhile begin where the car has drifted to, and lead to the edge of
-        the track that a faster car would use.
-        """
-        if plan.status is PlanStatus.SOLVED and not (stopping and self._plan is not None):
-            self._plan = plan
-            self._path = None
 
     def start(self, steer: float) -> None:
         """A stop begins; without a path the present angle is held."""
@@ -102,9 +90,7 @@ class Stopping:
         if self.blind and self._clear < CLEAR_BLIND:
             self._clear, self._path = CLEAR_BLIND, None
         if pose is not None and (self._path is None or self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
-            self._path = self._way(pose, motion)
-            self._curvature = self._path.curvature() if self._path is not None else np.zeros(0)
-            self._bends = np.abs(self._curvature)
+            self._take(self._way(pose, motion))
         if self._path is not None and pose is not None:
             self._steer = self._pursue(self._path, pose, motion)
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
@@ -121,14 +107,17 @@ class Stopping:
         return self._steer, -force / self._force_per_drive
 
     def _way(self, pose: Pose, motion: Motion) -> Path | None:
-        """The way of this stop, which begins as the car turns now."""
-        way = None
-        if self._track is not None:
-            deceleration = self._config.controlled_deceleration if self._brakes else self._vehicle.drag(ROLLS_OUT)
-            way = way_along(
-                self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration, clear=self._clear
-            )
-        return way or (plan_path(self._plan) if self._plan is not None else None)
+        """The way of this stop, which begins as the car turns now; None where there is none."""
+        if self._track is None:
+            return None
+        deceleration = self._config.controlled_deceleration if self._brakes else self._vehicle.drag(ROLLS_OUT)
+        return way_along(self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration, clear=self._clear)
+
+    def _take(self, path: Path | None) -> None:
+        """Follow this path; where there is none, the one before."""
+        if path is not None:
+            self._path, self._curvature = path, path.curvature()
+            self._bends = np.abs(self._curvature)
 
     def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:
         rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)

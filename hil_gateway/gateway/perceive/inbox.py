@@ -85,11 +85,9 @@ class Inbox:
         """What receivers on the network have said, oldest first."""
         return self._navigation.poll(now_ns)
 
-    def read_plan(self, now_ns: int) -> Plan | None:
-        """The plan that arrived this period, if one did."""
-        before = self._plan.latest.count
-        plan = self._plan.update(now_ns)
-        return plan.message if plan.count != before else None
+    def read_plan(self, now_ns: int) -> None:
+        """Take the newest plan."""
+        self._plan.update(now_ns)
 
     def read_estimate(self, now_ns: int) -> Estimate | None:
         """The newest estimate, while it is valid or lacks the heading only, for which it then has the track's."""

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support.cars.scripted_car import Rig
 
-from hil_gateway.bus.messages import FailsafeAction, PlanStatus
+from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.car.car import load_car
-from hil_gateway.gateway.act.stop_path import Path, plan_path, way_along
+from hil_gateway.gateway.act.stop_path import Path, polyline, way_along
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
@@ -35,6 +35,17 @@ def stopping(track=None) -> Stopping:
     return Stopping(VEHICLE, StopConfig(), 50_000.0, track)
 
 
+def following(x: Array, y: Array) -> Stopping:
+    """A stop that has taken this path."""
+    stop = stopping()
+    stop.start(0.0)
+    stop._take(polyline(np.array([x, y])))
+    return stop
+
+
+STRAIGHT = np.linspace(0.0, 400.0, 801)
+
+
 def motion(speed: float = 40.0, ay: float = 0.0) -> Motion:
     return Motion(speed=speed, ay=ay)
 
@@ -44,12 +55,6 @@ def test_points_ahead_lie_on_the_path_and_end_with_it():
     assert path.ahead(0.0, 1.0, 5.0) == (5.0, 0.0)
     assert path.ahead(9.0, 0.0, 5.0) == (10.0, 5.0)
     assert path.ahead(9.0, 9.0, 50.0) == (10.0, 10.0)
-
-
-def test_a_plan_of_one_point_is_no_path(rig):
-    standing = rig.plan(0).model_copy(update={"x": (1.0, 1.0, 1.0), "y": (2.0, 2.0, 2.0)})
-    assert plan_path(standing) is None
-    assert plan_path(standing.model_copy(update={"x": (), "y": ()})) is None
 
 
 def test_a_stop_without_the_planner_brakes_with_the_declared_balance(rig):
@@ -191,9 +196,7 @@ def test_far_from_the_track_there_is_no_way_along_it():
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_car_beside_its_path_steers_towards_it(rig, side):
-    stop = stopping()
-    stop.take_plan(rig.plan(0), stopping=False)
-    stop.start(0.0)
+    stop = following(STRAIGHT, 0.0 * STRAIGHT)
     steer, _ = stop.command(motion(), Pose(0.0, side, 0.0, 40.0), emergency=False)
     assert math.copysign(1.0, steer) == -side
 
@@ -202,9 +205,7 @@ def test_pure_pursuit_is_exact_on_a_circle(rig):
     """delta = atan(L / R) for a rear axle on a circle of radius R (Coulter 1992)."""
     radius, angles = 80.0, np.linspace(0.0, 1.5, 1501)
     x, y = radius * np.sin(angles), radius * (1 - np.cos(angles))
-    stop = stopping()
-    stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(y)}), stopping=False)
-    stop.start(0.0)
+    stop = following(x, y)
     turning = Motion(speed=20.0, yaw_rate=20.0 / radius)
     steer, _ = stop.command(turning, Pose(VEHICLE.lr, 0.0, 0.0, 20.0), emergency=False)
     assert steer == pytest.approx(math.atan(VEHICLE.wheelbase / radius), rel=0.01)
@@ -214,9 +215,7 @@ def test_without_a_gyro_pure_pursuit_goes_by_the_course_of_the_centre_of_gravity
     """Which in a bend is not that of the rear axle: 0.016 rad at 80 m, a twentieth of the steering angle."""
     radius, angles = 80.0, np.linspace(-0.5, 1.5, 2001)
     x, y = radius * np.sin(angles), radius * (1 - np.cos(angles))
-    stop = stopping()
-    stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(y)}), stopping=False)
-    stop.start(0.0)
+    stop = following(x, y)
     turning = Motion(speed=20.0, yaw_rate=0.0, by_gyro=False, prompt=False)
     course = VEHICLE.lr / radius
     steer, _ = stop.command(turning, Pose(VEHICLE.lr, VEHICLE.lr * course, course, 20.0), emergency=False)
@@ -226,9 +225,7 @@ def test_without_a_gyro_pure_pursuit_goes_by_the_course_of_the_centre_of_gravity
 @pytest.mark.parametrize("by_gyro", [True, False])
 def test_without_a_gyro_no_more_is_steered_than_tyres_could_hold(rig, by_gyro):
     """Half a radian off its way at 60 m/s: what would be asked for is twice the force of racing tyres."""
-    stop = stopping()
-    stop.take_plan(rig.plan(0), stopping=False)
-    stop.start(0.0)
+    stop = following(STRAIGHT, 0.0 * STRAIGHT)
     lost = Motion(speed=60.0, by_gyro=by_gyro, prompt=False)
     steer, _ = stop.command(lost, Pose(0.0, 0.0, 0.5, 60.0), emergency=False)
     most = 1.5 * StopConfig().grip(VEHICLE, 60.0)
@@ -243,9 +240,7 @@ def largest_yaw_rates(rig: Rig, **source: bool) -> tuple[float, float]:
     """
     speed, dt, front, rear = 70.0, 0.01, 130e3, 125e3
     way = np.linspace(-10.0, 600.0, 300)
-    stop = stopping()
-    stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(way), "y": tuple(0.0 * way)}), stopping=False)
-    stop.start(0.0)
+    stop = following(way, 0.0 * way)
     x, y, yaw, vy, rate, angle, sent, rates = 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, [0.0] * 4, []
     for _ in range(400):
         pose = Pose(x, y, yaw, speed, vy / speed)
@@ -275,32 +270,6 @@ def test_without_a_path_the_steering_is_held(rig):
     assert stop.command(motion(), HERE, emergency=True)[0] == 0.07
 
 
-def test_what_the_planner_falls_back_to_is_not_taken_as_a_path(rig):
-    stop = stopping()
-    stop.take_plan(rig.plan(0).model_copy(update={"status": PlanStatus.STOP}), stopping=False)
-    stop.take_plan(rig.plan(0).model_copy(update={"status": PlanStatus.SHIFTED}), stopping=False)
-    stop.start(0.07)
-    assert stop.command(motion(), HERE, emergency=True)[0] == 0.07
-
-
-def test_during_a_stop_the_path_stays(rig):
-    """Plans made meanwhile begin at the car: following them, it would never come back to where it should be."""
-    stop = stopping()
-    stop.take_plan(rig.plan(0), stopping=False)
-    stop.start(0.0)
-    beside = Pose(0.0, 2.0, 0.0, 40.0)
-    steer, _ = stop.command(motion(), beside, emergency=False)
-    stop.take_plan(rig.plan(0).model_copy(update={"y": tuple(2.0 for _ in rig.plan(0).y)}), stopping=True)
-    assert stop.command(motion(), beside, emergency=False)[0] == steer < -0.01
-
-
-def test_a_plan_that_comes_during_a_stop_is_better_than_none(rig):
-    stop = stopping()
-    stop.start(0.07)
-    stop.take_plan(rig.plan(0), stopping=True)
-    assert stop.command(motion(), HERE, emergency=False)[0] != 0.07
-
-
 @pytest.mark.parametrize(("emergency", "deceleration"), [(False, 6.0), (True, 12.0)])
 def test_braking_is_as_configured_on_a_straight(rig, emergency, deceleration):
     _, drive = stopping().command(motion(), HERE, emergency)
@@ -318,9 +287,7 @@ def on_a_circle(rig: Rig) -> tuple[Stopping, Pose]:
     """A stop on a way that bends with 80 m of radius, from its beginning."""
     radius, angles = 80.0, np.linspace(0.0, 1.5, 1501)
     x, y = radius * np.sin(angles), radius * (1 - np.cos(angles))
-    stop = stopping()
-    stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(y)}), stopping=False)
-    stop.start(0.0)
+    stop = following(x, y)
     return stop, Pose(8.0, 0.4, 0.1, 30.0)
 
 
@@ -333,12 +300,9 @@ def test_front_tyres_that_slide_under_the_brakes_get_the_grip_their_bend_needs(r
 
 
 def test_a_car_beside_its_way_gets_the_grip_that_leads_it_back(rig):
-    x = np.linspace(0.0, 400.0, 801)
     drives = []
     for pose in (Pose(50.0, 0.0, 0.0, 70.0), Pose(50.0, 1.2, 0.03, 70.0)):
-        stop = stopping()
-        stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(0.0 * x)}), stopping=False)
-        stop.start(0.0)
+        stop = following(STRAIGHT, 0.0 * STRAIGHT)
         drives.append(stop.command(motion(70.0), pose, emergency=True)[1])
     on_it, beside_it = drives
     assert on_it < 1.5 * beside_it < 0.0
