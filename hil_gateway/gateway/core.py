@@ -206,7 +206,7 @@ class Gateway:
         estimate = self.inbox.read_estimate(now_ns)
         if in_time:
             monitors.position.outvoted(outvoted_s)
-            monitors.miss_estimates(now_ns, self.inbox.estimate, self._dead_reckoning.pose is not None)
+            monitors.heed(now_ns, state, self.inbox.estimate, self._dead_reckoning.pose is not None)
         believed = estimate if monitors.estimate_fits and in_time else None
         pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fixes_fit)
         monitored = monitors.measures(now_ns, state, pose, commanded, course, before.stopping, self._tyres.flat)

@@ -98,10 +98,12 @@ class Monitors:
             "gyro, fixes": self._turn.share,
         }
 
-    def miss_estimates(self, now_ns: int, estimate: Latest[Estimate], reckoned: bool) -> None:
-        """`reckoned`: where the car is is known without estimates, too."""
+    def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], reckoned: bool) -> None:
+        """What an estimator thinks of the fixes counts while the sensors it judges them by are believed. `reckoned`:
+        where the car is is known without its estimates, too."""
         follows = reckoned and self._stopping and self.motion.motion.speed > STANDSTILL
         self._estimate_gone = follows and (self._estimate_gone or not usable(estimate, now_ns))
+        self.position.heed(now_ns, state, estimate, believed=not self.imu_suspect and not self.wheels_wrong)
 
     def measures(  # noqa: PLR0917 - what there is in a period
         self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: ActuatorPositions | None,
@@ -124,7 +126,7 @@ class Monitors:
         self._distrust(sensors, max(sensors.speed, unanswered_s))
         no_wheels, no_imu = self.wheels_wrong, self.imu_wrong
         return {
-            "position_wrong": INFINITE if self.position.wrong else 0.0,
+            "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
             "wheel_speed_wrong": max(sensors.wheels, self._without_wheels.update(no_wheels, now_ns)),
             "yaw_rate_wrong": max(sensors.imu, self._without_imu.update(no_imu, now_ns) + CONTRADICTED_S * no_imu),

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import math
 
-from hil_gateway.bus.messages import VehicleState
+from hil_gateway.bus.latest import Latest
+from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import apart_at_most
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, JITTER_S, UNSEEN_S
+from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, JITTER_S, UNSEEN_S, ConditionTime
+from hil_gateway.gateway.perceive.inbox import ESTIMATE_MAX_S
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.positions.fixes import MOVING
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, rests, road_speed
@@ -52,17 +54,19 @@ class PositionMonitor:
         self.wrong = False
         self.source = ""
         """what found it first, in words"""
-        self._contradicted = False
+        self.refused = self._contradicted = False
+        """by the estimator, until the car stands; by gyro, wheels and steering now"""
+        self._answering, self._estimated = ConditionTime(), False
         self.lost_s = 0.0
         """seconds without a fix while moving"""
 
     @property
     def suspect(self) -> bool:
         """Whether fixes, and estimates made with them, are not to be believed now."""
-        return self.wrong or self._contradicted or self._level > 0.0
+        return self.wrong or self.refused or self._contradicted or self._level > 0.0
 
     def _note(self, found: bool, source: str) -> None:
-        self.source = source if found and not self.wrong else self.source
+        self.source = source if found and not (self.wrong or self.refused) else self.source
         self.wrong = self.wrong or found
 
     def outvoted(self, held_s: float) -> None:
@@ -74,6 +78,19 @@ class PositionMonitor:
         """The course of the fixes has contradicted the gyro, with which the observer sides, for so long."""
         self._contradicted = held_s > 0.0
         self._note(held_s > CONTRADICTED_S, "their course contradicts gyro, wheels and steering")
+
+    def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], believed: bool) -> None:
+        """An estimator that refuses the fixes goes on without them: it still answers, and calls itself invalid.
+
+        `believed`: so are the sensors it judges them by.
+        """
+        # valid states for twice the age that an estimate may have: an invalid one answers one of them
+        answers = believed and state.valid and self._reference is not None and estimate.alive(now_ns)
+        settled = self._answering.update(answers, now_ns) > 2.0 * ESTIMATE_MAX_S
+        refuses = settled and self._estimated and not estimate.valid(now_ns)
+        self.source = "the estimator refuses them" if refuses and not (self.wrong or self.refused) else self.source
+        self.refused = self.refused or refuses
+        self._estimated = settled and estimate.valid(now_ns)
 
     def step(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None, *, rolls: bool) -> None:
         """Judge the fix of this period, if one came; `pose` gives the heading to begin with. `rolls`: in no stop,
@@ -87,7 +104,7 @@ class PositionMonitor:
             self.lost_s, self._fix_ns = 0.0, now_ns
             self._creep(state, motion.speed, dt, rolls)
             if motion.speed == 0.0 or (rolls and road_speed(state) < STANDSTILL and self._level <= 0.0):
-                self.wrong = False
+                self.wrong = self.refused = False
             return
         self._place = None
         self._carry_on(motion, dt)

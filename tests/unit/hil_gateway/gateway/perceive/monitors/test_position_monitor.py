@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from support.cars.scripted_car import Rig
 
+from hil_gateway.bus.latest import Latest
+from hil_gateway.bus.messages import Estimate
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.motion import Motion
@@ -104,3 +106,15 @@ def test_fixes_that_both_other_receivers_leave_are_wrong() -> None:
     monitor.outvoted(1.0)
     assert monitor.wrong
     assert monitor.source == "both other receivers have moved away from them"
+
+
+@pytest.mark.parametrize("sensors_believed", [True, False])
+def test_fixes_that_the_estimator_refuses_are_not_believed(sensors_believed: bool) -> None:
+    """It has been valid, still answers, and no longer calls itself so."""
+    monitor, rig, newest = judged(40.0, 0.0, lambda t, x: x), Rig(), Latest[Estimate](0.05)
+    rig.run(0.05)
+    for tick in range(40):
+        now_ns = round((SECONDS + tick * PERIOD_S) * 1e9)
+        newest.put(rig.estimate(0).model_copy(update={"valid": tick < 30}), now_ns)
+        monitor.heed(now_ns, rig.gateway.seen[0], newest, believed=sensors_believed)
+        assert monitor.suspect is (sensors_believed and tick >= 30)
