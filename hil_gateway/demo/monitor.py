@@ -15,7 +15,6 @@ from hil_gateway.bus.messages import (
     RecorderStatus,
 )
 from hil_gateway.bus.topics import (
-    APPLIED,
     BELIEF,
     COMMAND,
     ESTIMATE,
@@ -23,15 +22,12 @@ from hil_gateway.bus.topics import (
     MODEL_REVISION,
     PLAN,
     RECORDER_STATUS,
-    VEHICLE_STATE,
     Topic,
 )
 from hil_gateway.demo.journal import Journal
 from hil_gateway.gateway.decide.arming import DRIVES_OFF
 
 WATCHED: tuple[Topic[Any], ...] = (
-    VEHICLE_STATE,
-    APPLIED,
     GATEWAY_STATUS,
     ESTIMATE,
     BELIEF,
@@ -39,7 +35,7 @@ WATCHED: tuple[Topic[Any], ...] = (
     PLAN,
     COMMAND,
 )
-"""topics whose age is shown"""
+"""topics whose age is shown; of the gateway its status alone: what it says 100 times a second is not sent here, too"""
 REASONS_MAX = 64
 """kinds of failure told apart; the planner has a dozen"""
 STOPS_MAX = 1000

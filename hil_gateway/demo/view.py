@@ -34,7 +34,7 @@ TABLE_COLUMNS = 44
 """characters one stack of tables needs"""
 MAP_COLUMNS, MAP_ROWS = (26, 58), (10, 24)
 """smallest and largest map"""
-SHORT = {"av24/vehicle_state": "state", "av24/gateway_status": "gateway", "av24/model_revision": "model"}
+SHORT = {"av24/gateway_status": "gateway", "av24/model_revision": "model"}
 """names of topics where room is scarce"""
 COLOURS = {
     FailsafeAction.DRIVE: "green",

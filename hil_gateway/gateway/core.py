@@ -146,10 +146,9 @@ class Gateway:
         self._observed = _Observed(state, motion, pose, situation)
 
     def answer(self, now_ns: int) -> None:
-        """Second phase: the command that has arrived by now, or the gateway's own, on the wire."""
+        """Second phase: the command that has been read by now, or the gateway's own, on the wire."""
         assert self._observed is not None, "nothing was observed"
         state, motion, pose, situation = self._observed
-        self.inbox.read_commands(now_ns, self.decision.action)
         self._act(now_ns, state, motion, pose)
         self._report(situation)
 

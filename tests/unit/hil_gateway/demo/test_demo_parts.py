@@ -352,7 +352,7 @@ def test_live_page_fits_the_terminal_and_shows_car_cause_and_ages(columns: int, 
     assert "88.50 s" in text
     assert text.count("●") == 1
     assert ("ended" in text) == wide
-    for topic in ("state", "applied", "gateway", "estimate", "belief", "model", "command"):
+    for topic in ("gateway", "estimate", "belief", "model", "command"):
         assert topic in text, f"the age of {topic} is cut off"
     assert len(text.splitlines()) <= rows
     assert max(map(len, text.splitlines())) <= columns
