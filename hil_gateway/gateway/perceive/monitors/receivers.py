@@ -178,4 +178,7 @@ class OtherReceivers:
         if not way.any():
             return 0.0
         ahead = way / np.hypot(*way)
-        return min(float(ahead @ moved) / math.sqrt(ahead @ chance @ ahead) for moved, chance in both) / BOTH
+        variances = [float(ahead @ chance @ ahead) for _, chance in both]
+        if min(variances) <= 0.0:  # a first reading has moved nothing
+            return 0.0
+        return min(float(ahead @ both[i][0]) / math.sqrt(variance) for i, variance in enumerate(variances)) / BOTH

@@ -50,12 +50,13 @@ def noticed_s(
     lost_s: float = math.inf,
     along: float = 0.0,
     asleep_s: float = 0.0,
+    second_from_s: float = 0.0,
 ) -> float | None:
     """Time until a drift outwards and `along` the way (m/s), which begins half way, is noticed in laps of a circle;
     None: never.
 
     From `lost_s` on the receivers repeat their last reading. A fifth of the way through, gateway and car sleep for
-    `asleep_s`.
+    `asleep_s`. The second of them is heard from `second_from_s` on.
     """
     at_speed, radius = bend
     noise, place = Noise(seed), {"x": radius, "y": 0.0}
@@ -72,6 +73,8 @@ def noticed_s(
         east, north = off * cos - on * sin, off * sin + on * cos
         reports.fixes.take(place["x"] + east, place["y"] + north, now_ns)
         for name in heard if tick % 2 == 0 else ():
+            if name == BOTH[1] and 0.05 * tick < second_from_s:
+                continue
             if 0.05 * tick < lost_s:
                 reports.read(name, receivers[name].position())
             reports.stamps[name] = now_ns
@@ -104,6 +107,10 @@ def test_receivers_that_wander_blame_no_fix(seed: int) -> None:
 @pytest.mark.parametrize("asleep_s", [1.5, 5.0])
 def test_what_was_under_way_when_gateway_and_car_slept_blames_no_fix(asleep_s: float) -> None:
     assert noticed_s(40.0, 0.0, BOTH, asleep_s=asleep_s) is None
+
+
+def test_a_receiver_that_is_heard_later_blames_no_fix_by_its_first_reading() -> None:
+    assert noticed_s(40.0, 0.0, BOTH, second_from_s=12.0) is None
 
 
 def test_one_receiver_alone_blames_no_fix() -> None:
