@@ -19,8 +19,8 @@ from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import Belief, Estimate, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.track.track import Track
-from planner.adoption.delivered import DeliveredShares, grip_factors
-from planner.adoption.knowledge import GripState, Reserves, TyreNames, next_knowledge, target_of
+from planner.adoption.delivered import DeliveredShares
+from planner.adoption.knowledge import GripState, Reserves, TyreNames, at_rest, next_knowledge
 from planner.adoption.plausible import implausible, near
 from planner.adoption.trust import Trust, slides
 from planner.adoption.unlearnt import measured_loads
@@ -81,7 +81,8 @@ class Adoption:
         self._ready: Adopted | None = None
         self._worker: threading.Thread | None = None
         self._new_reference: Reference | None = None
-        self._changed = True
+        self._changed, self._held_then = True, (0.0, 0.0)
+        """whether a further step changes what is known of the tyres, and what was held at the last one"""
         self._probation = self._failures = 0
         self.delivered = DeliveredShares()
         self._front_response = np.inf if self._by_data_sheet and not config.estimator.learn else None
@@ -138,15 +139,13 @@ class Adoption:
             self._swap(self._ready)
         if self._new_reference is not None:
             self.current.reference, self._new_reference = self._new_reference, None
-        if not self._changed:
+        held = self._held
+        if not self._changed and held == self._held_then:
             return
-        current, before = self.current, self.controller.knowledge
+        current, before, self._held_then = self.current, self.controller.knowledge, held
         knowledge = self._knowledge(before, current.revised, current.tyre, current.revision)
         self.controller.set_knowledge(knowledge)
-        settled = (knowledge.load_max, knowledge.brake_ratio) == (before.load_max, before.brake_ratio)
-        factors = grip_factors(current.tyre.axles, knowledge.delivered, len(knowledge.theta))
-        target = target_of(current.revised, current.revision, current.tyre, self._reserves)
-        self._changed = not (settled and np.array_equal(knowledge.theta, factors * target))
+        self._changed = not at_rest(knowledge, current.revised, current.tyre, current.revision, self._reserves)
 
     def take_delivered(self, delivered: Delivered | None) -> None:
         """Plan at once with what tyres and brakes deliver now."""
@@ -203,6 +202,11 @@ class Adoption:
         return self._config.declared_model == "race_car"
 
     @property
+    def _held(self) -> tuple[float, float]:
+        """Forces over axle load that were held, and may be counted on."""
+        return sustained_next(self.sustained.pair, self._sustained_by_lap.pair)
+
+    @property
     def _reserves(self) -> Reserves:
         """What is kept back now."""
         return Reserves.of(
@@ -252,10 +256,8 @@ class Adoption:
     ) -> TyreKnowledge:
         """Tyre parameters one slew step from those `before` towards the revision, with the newest belief."""
         belief = self._belief if before is not None else None  # a model being built has its own tyres
-        sustained = sustained_next(self.sustained.pair, self._sustained_by_lap.pair)
-        return next_knowledge(
-            before, revised, tyre, revision, belief, GripState(self.delivered, sustained, self._reserves)
-        )
+        state = GripState(self.delivered, self._held, self._reserves)
+        return next_knowledge(before, revised, tyre, revision, belief, state)
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""

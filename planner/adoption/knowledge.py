@@ -102,6 +102,20 @@ def next_knowledge(  # noqa: PLR0917 - all that a plan's tyres depend on
     )  # fmt: skip
 
 
+def at_rest(
+    knowledge: TyreKnowledge, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision, reserves: Reserves
+) -> bool:
+    """Whether a further step with the same belief, revision and delivered shares changes nothing."""
+    lasting = _one_step(knowledge, target_of(revised, revision, tyre, reserves), tyre)
+    theta = grip_factors(tyre.axles, knowledge.delivered, len(lasting)) * lasting
+    peaks = lasting[[d for _, _, d in tyre.axles]]
+    return (
+        np.array_equal(theta, knowledge.theta)
+        and judged_limits(reserves.use, peaks, knowledge.load_max) == knowledge.load_max
+        and _brake_ratio(knowledge, knowledge.capacity, revised) == knowledge.brake_ratio
+    )
+
+
 def target_of(revised: RevisedModel, revision: ModelRevision, tyre: TyreNames, reserves: Reserves) -> Array:
     """theta that parameters in force go to."""
     response = reserves.front_response
