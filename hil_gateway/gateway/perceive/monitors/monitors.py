@@ -55,7 +55,7 @@ class Monitors:
         self._following = FollowingMonitor(car)
         self._reversed = ReversedMonitor(car)
         self._acceleration = AccelerationMonitor(car)
-        self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
+        self.imu_wrong = self.imu_suspect = self.wheels_wrong = self._wheels_apart = False
         self._stopping = self._flat = False
         self._steering_off = self._steering_doubted = False
         """whether the steering does not report what it is asked for: now, or since a stop began"""
@@ -145,7 +145,7 @@ class Monitors:
         both = wheels and state.sources["imu"].valid and not self._imu_gone
         braked = self._braked.step(self.motion.pressed(state), speed)
         fixes = None if self.position.wrong and not self.imu_wrong else course
-        off_s = self._imu.update(observer.imu_off, now_ns)
+        off_s = self._imu.update(0.0 if self._wheels_apart else observer.imu_off, now_ns)
         imu = INFINITE if self._itself.found else off_s
         one = self._wheel.update(observer.wheel_off if braked < INNER else 0.0, now_ns)
         changes = self._speed.update(observer.speed_off if both else 0.0, now_ns)
@@ -167,11 +167,14 @@ class Monitors:
     def _distrust(self, sensors: SensorMonitors, along_s: float) -> None:
         """From a first contradiction of the IMU, which has `along_s` along the car, no estimate is believed; after some
         of it, until the car stands, no IMU, or no wheels where it is they that neither the fixes nor the IMU agree
-        with. The gyro stays believed in a car that slides as it steers to the wrong side first, which the gyro has
-        shown, or as a tyre is flat: a slide contradicts everything, and without a gyro nothing catches it."""
+        with. Wheels that all others contradict first judge no IMU any more: the observer has heard them. The gyro stays
+        believed in a car that slides as it steers to the wrong side first, which the gyro has shown, or as a tyre is
+        flat: a slide contradicts everything, and without a gyro nothing catches it."""
         speed = self.motion.motion.speed
         moving, slides = speed > STANDSTILL, self.steering_reversed or self._flat
         self.wheels_wrong = moving and (self.wheels_wrong or (sensors.slipping and not self.imu_wrong))
+        apart = sensors.wheels > CONTRADICTED_S and not self.imu_wrong
+        self._wheels_apart = moving and (self._wheels_apart or apart)
         held_s = max(sensors.imu, along_s if sensors.fixes else 0.0)
         found = held_s > CONTRADICTED_S and not slides
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
