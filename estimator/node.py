@@ -42,6 +42,8 @@ HALF_WINDOW = 3
 
 BEFORE_STEP = round(BEFORE_STEP_S * 100)
 """samples between two values of `DRIVE_BEFORE`"""
+BEFORE = {name: BEFORE_STEP * k for k, name in enumerate(DRIVE_BEFORE, start=1)}
+"""how many samples ago they were"""
 
 LATE_STEER, LATE_DRIVE = 6, 15
 """samples, 0.06 and 0.15 s, by which steering and drive may act later than a model without their delay says"""
@@ -212,21 +214,21 @@ def slope(stamps_ns: Sequence[int], values: Sequence[float]) -> float | None:
     """Least-squares slope over evenly spaced samples, 1/s; None where a sample is missing or late."""
     n = len(stamps_ns)
     step_ns = (stamps_ns[-1] - stamps_ns[0]) / (n - 1)
-    shortest, longest = 0.5 * step_ns, 1.5 * step_ns
-    if step_ns <= 0 or not all(shortest < b - a < longest for a, b in pairwise(stamps_ns)):
+    steps = [b - a for a, b in pairwise(stamps_ns)]
+    if step_ns <= 0 or not (0.5 * step_ns < min(steps) and max(steps) < 1.5 * step_ns):
         return None
     half = (n - 1) // 2
-    weights = range(-half, half + 1)
-    return sum(w * v for w, v in zip(weights, values, strict=True)) * NS_PER_S / (step_ns * sum(w * w for w in weights))
+    weighted = sum([w * v for w, v in zip(range(-half, half + 1), values, strict=True)])
+    return weighted * NS_PER_S / (step_ns * (half * (half + 1) * (2 * half + 1) // 3))
 
 
 def _auxiliary(
     state: VehicleState, estimate: Estimate, track_position: float, drives: Sequence[float], full_brake: float
 ) -> Array:
     """Values of `AUXILIARY` as the car reports them; what it does not report stays neutral. `drives` up to now."""
-    ago = (min(k * BEFORE_STEP, len(drives) - 1) for k in range(1, len(DRIVE_BEFORE) + 1))
+    first = len(drives) - 1
     known = {
-        **{name: drives[-1 - samples] - estimate.drive for name, samples in zip(DRIVE_BEFORE, ago, strict=True)},
+        **{name: drives[max(first - ago, 0)] - estimate.drive for name, ago in BEFORE.items()},
         "track_position": track_position, "t": state.stamp_ns / NS_PER_S, "yaw": estimate.yaw,
         "throttle": state.throttle, "brake": 0.5 * (state.brake_front + state.brake_rear) / full_brake,
         "brake_balance": brake_balance(state.brake_front, state.brake_rear),

@@ -39,6 +39,8 @@ class FilterLane:
     def __init__(self, function: CompiledFunction, i: int) -> None:
         (means, covariances, _, uses), (_, _, off, fit), n = function.inputs, function.outputs, len(function.inputs[0])
         self.mean, self.covariance, self.uses = means[:, i], covariances[:, n * i : n * (i + 1)], uses[:, i]
+        self.now = self.mean.data
+        """the mean, of which single numbers are read"""
         self.off = off[:, i].data
         """what the measurements show beyond what is predicted, in deviations"""
         self.fit = fit[:, i].data

@@ -49,7 +49,7 @@ class Observer:
     def __init__(self, config: Config) -> None:
         car = config.car
         self._vehicle = car.vehicle
-        self._declared, _ = lateral.prior(car)
+        self._declared: list[float] = lateral.prior(car)[0].tolist()
         self._lateral, self._longitudinal = lateral.lateral_bank(car), longitudinal.longitudinal_bank(car)
         self._asked: deque[float] = deque(maxlen=ACTS_WITHIN)
         self.runs = False
@@ -63,15 +63,15 @@ class Observer:
     @property
     def steer_zero(self) -> float:
         """Road-wheel angle beyond what is reported, rad; without what the IMU has shown in the last seconds."""
-        return float(self._lateral.without.mean[lateral.ZERO])
+        return self._lateral.without.now[lateral.ZERO]
 
     def yields(self, speed: float) -> tuple[float, float]:
         """Slip angles of front and rear axle away from their limit, rad a m/s2 of lateral force at `speed` (m/s), at
         most twice those of the declared tyres; without what the IMU has shown in the last seconds."""
-        mean, declared, pressed = self._lateral.without.mean, self._declared, self._vehicle.pressed(speed)
+        mean, declared, pressed = self._lateral.without.now, self._declared, self._vehicle.pressed(speed)
         most = 2.0 / (declared[lateral.MU] * pressed)
         front, rear = (
-            min(max(float(mean[slope] / (mean[lateral.MU] * pressed)), 0.0), float(declared[slope]) * most)
+            min(max(mean[slope] / (mean[lateral.MU] * pressed), 0.0), declared[slope] * most)
             for slope in (lateral.SF, lateral.SR)
         )
         return front, rear
@@ -79,7 +79,7 @@ class Observer:
     @property
     def yaw_rates(self) -> tuple[float, float]:
         """By all sources, and by all but the IMU, rad/s."""
-        return float(self._lateral.main.mean[lateral.R]), float(self._lateral.without.mean[lateral.R])
+        return self._lateral.main.now[lateral.R], self._lateral.without.now[lateral.R]
 
     def step(  # noqa: PLR0917 - what there is in a period
         self, state: VehicleState, speed: float, rolled: float, acts: Acts, gravity_across: float, imu: bool,

@@ -123,10 +123,11 @@ def _restarting(situation: Situation, state: Decision) -> bool:
     ct_state, armed = state.race_control.ct_state, state.failsafe.armed
     if situation.conditions.request is OperatorAction.DISARM and situation.conditions.standing:
         return state.restarting or ct_state is CtState.EMERGENCY or (armed and not situation.may_hold)
-    back = situation.ladder.car_alive and situation.ladder.sys_state <= SysState.CONNECTED
+    if not (situation.ladder.car_alive and situation.ladder.sys_state <= SysState.CONNECTED):
+        return state.restarting
     reached = SysState.TEST_DONE if ct_state is CtState.CRANK_READY else SysState.CRANK_READY
     # a ladder may lack the rung of the test
     left = not situation.ladder.has_reached(situation.ladder.sys_state, reached)
-    began = back and left and not armed and CtState.ACTUATOR_TEST < ct_state < CtState.EMERGENCY
+    began = left and not armed and CtState.ACTUATOR_TEST < ct_state < CtState.EMERGENCY
     noticed = state.commanded_ns is None or situation.now_ns - state.commanded_ns > NOTICED_S * NS_PER_S
-    return began or (state.restarting and not (back and noticed))
+    return began or (state.restarting and not noticed)
