@@ -22,6 +22,7 @@ from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.perceive.monitors.actuators import PEDALS
 from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.positions.fixes import MOVING
 from hil_gateway.settings.gateway import LEAST_SHARE, PERIOD_S, beside
 
 REAR_SHARE = 0.8
@@ -46,8 +47,6 @@ WEAKEST = 0.15
 """share below which a circuit is not asked for still more"""
 LEARNT = 0.1
 """weight of a period: 0.1 s"""
-SLIP_FROM = 6.0
-"""m/s: slower, noise and rounding of the wheel speeds are slip"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +101,7 @@ class AxleBrakes:
         fails = demand.flat_front or demand.flat_rear or self._weak
         asked = wanted.brake_front, wanted.brake_rear
         pressures = self.shared(wanted, demand, motion.speed) if fails else asked
-        if motion.by_wheels and motion.speed > SLIP_FROM:
+        if motion.by_wheels and motion.speed > MOVING:
             self._watch(pressures, self._slips(state, motion))
         if not fails:
             return wanted._replace(brake_front=min(wanted.brake_front, self._held[0]))

@@ -43,8 +43,8 @@ FAR_FROM_WAY = 1.5
 """m off its way at which a stop gets a new one: the tyres have not held, or the pose was wrong"""
 ROLLS_OUT = 55.0
 """m/s whose drag slows down a car without brakes; a slower one leaves its way a little to the inside"""
-TURNS_MOST = 1.5
-"""of the declared grip at most is asked for without a gyro: more steering turns no car in, and none that slides out"""
+BEYOND_GRIP = 1.5
+"""of the declared grip: more than any tyres hold"""
 BEND_SHARE = 0.7
 """of the declared grip a bend ahead may need: the rest steers back to the path and brakes on in the bend"""
 
@@ -138,8 +138,8 @@ class Stopping:
         return math.atan(self._vehicle.wheelbase * curvature + understeer) + gain * too_slow
 
     def _within_grip(self, curvature: float, speed: float) -> float:
-        """As much of it as `TURNS_MOST` of the declared grip makes."""
-        most = TURNS_MOST * self._config.grip(self._vehicle, speed) / max(speed, 1.0) ** 2
+        """As much of it as any tyres hold: more steering turns no car in, and none that slides out."""
+        most = BEYOND_GRIP * self._config.grip(self._vehicle, speed) / max(speed, 1.0) ** 2
         return min(max(curvature, -most), most)
 
     def _rear_slip(self, motion: Motion, curvature: float) -> float:

@@ -17,6 +17,7 @@ from functools import partial
 import numpy as np
 
 from hil_gateway.car.car import Car
+from hil_gateway.gateway.act.stopping import BEYOND_GRIP
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, moved_share
 from hil_gateway.gateway.perceive.motion import Motion, periods_late
@@ -29,8 +30,6 @@ SLIDES_AFTER_S = (0.0, 0.2, 0.4, 0.8, 1.6, math.inf)
 """s of rolling before the slide: the ways that are compared"""
 SLIDING = 0.8
 """of the grip that tyres have when they slide on dry asphalt"""
-LOCKING = 1.5
-"""times the grip that brakes ask for to lock every wheel"""
 BETTER_M = 0.5
 """that sliding must keep further inside than rolling on: error of both reckonings"""
 CLEAR_M = 1.0
@@ -39,14 +38,12 @@ LOST_M = -10.0
 """how far off the road does not matter any more"""
 JUDGED_S = 0.1
 """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
-APART = 0.03
-"""rad/s that the reported angle must explain the yaw rate better than the commanded one: ten times the gyro's noise"""
 WATCHED = 40
 """periods (0.4 s) in which a report must have moved as the command has"""
 ASKED = 0.0015
 """rad at the road wheel (1.3 deg at the motor), root mean square, of a command that moves beyond play and noise"""
-MEANT = 0.02
-"""rad/s, root mean square, of change that a command means: ten times the gyro's noise"""
+APART = 0.03
+"""rad/s by which one of the angles must explain the yaw rate better than the other: ten times the gyro's noise"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +63,6 @@ class StuckSteering:
         self._grip = partial(config.grip, car.vehicle)
         self._angles: deque[tuple[float, float]] = deque(maxlen=WATCHED)
         """reported and asked, rad"""
-        self._rates: deque[tuple[float, float]] = deque(maxlen=WATCHED)
-        """yaw rate, and what the commanded angle comes to by now, rad/s"""
         self._reported = self._asked = 0.0
         """that the car has had the time to turn with, rad"""
         self._reported_off = self._asked_off = 0.0
@@ -79,7 +74,7 @@ class StuckSteering:
 
     def start(self) -> None:
         """A stop begins."""
-        self._locks = self._moves = self._turns = self.stands = False
+        self._locks = self._moves = self.stands = False
 
     def watch(self, reported: float, asked: float, motion: Motion) -> None:
         """Road-wheel angles of a period, rad; in every period, so that a stop begins with what is known."""
@@ -94,15 +89,11 @@ class StuckSteering:
         """Whether the steering works after all, and only its report is wrong; once a period of a stop.
 
         A report that moves as the command does comes from steering that moves, whatever its offset; and one that hangs
-        is contradicted by a car that turns as it is asked to, or whose yaw rate changes as its command does: under the
-        brakes a car turns more than its angle means.
+        is contradicted by a car that turns as it is asked to.
         """
         reported, asked = np.array(self._angles).T
         self._moves = _follows(reported[self._late :], asked[: -self._late], ASKED, self._moves)
-        turned, meant = np.array(self._rates).T
-        self._turns = motion.by_gyro and _follows(turned, meant, MEANT, self._turns)
-        turns_as_asked = motion.by_gyro and self._asked_off + APART < self._reported_off
-        answers = self._moves or self._turns or turns_as_asked
+        answers = self._moves or (motion.by_gyro and self._asked_off + APART < self._reported_off)
         still = bool(reported.std() < MOVED_SHARE * asked.std())
         turns_as_reported = motion.by_gyro and self._reported_off + APART < self._asked_off
         self.stands = not answers and (self.stands or (still and turns_as_reported))
@@ -115,7 +106,7 @@ class StuckSteering:
             margins = [self._margin(self._track, pose, rolls, slides, after_s) for after_s in SLIDES_AFTER_S]
             best = max(margins) == margins[0]
             self._locks = best and margins[-1] < CLEAR_M and margins[0] > margins[-1] + BETTER_M
-        return LOCKING * self._grip(motion.speed) if self._locks else None
+        return BEYOND_GRIP * self._grip(motion.speed) if self._locks else None
 
     def _compare(self, motion: Motion) -> None:
         """The car's yaw rate with what the reported and the commanded angle come to by now: a stop begins with a
@@ -128,7 +119,6 @@ class StuckSteering:
         reported, asked = math.tan(self._reported), math.tan(self._asked)
         gain = motion.speed / (length + motion.understeer * motion.speed**2)
         shown = length * motion.yaw_rate / speed + motion.understeer * motion.ay
-        self._rates.append((motion.yaw_rate, gain * asked))
         self._reported_off += share * (gain * abs(shown - reported) - self._reported_off)
         self._asked_off += share * (gain * abs(shown - asked) - self._asked_off)
 

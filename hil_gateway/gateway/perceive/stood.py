@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.road_speed import rests
 from hil_gateway.process.clock import NS_PER_S
 
 TURNING = 0.02
 """rad/s, five standard deviations of an automotive gyro with an engine running: who carries a car turns it faster"""
-
-
-LONGEST_BREAK_NS = NS_PER_S
-"""the gateway was held up for longer: what happened meanwhile it has not seen"""
 
 
 class Stood:
@@ -32,7 +29,7 @@ class Stood:
         known = newest.valid(now_ns)
         if known:
             self._last = newest.message
-        watched = now_ns - self._seen_ns < LONGEST_BREAK_NS
+        watched = now_ns - self._seen_ns < UNSEEN_S * NS_PER_S
         self._seen_ns = now_ns
         if self._last is not None and not (watched and _stands(state, self._last.bias_yaw_rate)):
             self._last = None

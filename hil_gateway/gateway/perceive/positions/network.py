@@ -34,8 +34,8 @@ WALKING = 2.0
 """m/s from which the course of an antenna says where the car points, where no heading does"""
 CARRIED_M = 0.1
 """deviation up to which a place goes on without a fix, m: the state filter takes the next fix all the same"""
-MISSING_NS, CARRIED_NS = NS_PER_S // 10, NS_PER_S // 20
-"""since the last fix: two of them are missing; and between two places that go on so"""
+MISSING_NS = round(CONTRADICTED_S * NS_PER_S)
+"""since the last fix: two of them are missing"""
 POINTING = ("INSPVAX", "INSPVAS", "HEADING2", "DUALANTENNAHEADING", "HDT")
 """logs that say where the car points, best first: two of one receiver differ by how its parts are mounted"""
 KEPT = round((UNSEEN_S + CONTRADICTED_S) / PERIOD_S)
@@ -168,7 +168,7 @@ class _Newest:
             return
         std = newest.std - self._fixed.std
         before_ns = fixed_ns if self.carried is None else self.carried.stamp_ns
-        due = newest.stamp_ns - fixed_ns > MISSING_NS and newest.stamp_ns - before_ns >= CARRIED_NS
+        due = newest.stamp_ns - fixed_ns > MISSING_NS and newest.stamp_ns - before_ns >= MISSING_NS // 2
         if due and std <= CARRIED_M:
             east, north = newest.east - self._fixed.east, newest.north - self._fixed.north
             self.carried, self.came_ns = _Way(newest.stamp_ns, east, north, std), now_ns

@@ -87,7 +87,7 @@ def test_steering_whose_report_moves_with_its_command_steers_whatever_its_offset
 @pytest.mark.parametrize(("share", "more"), [(0.3, 0.0), (0.75, 0.08)])
 def test_a_car_that_has_not_turned_yet_with_a_command_that_jumps_goes_on_steering(share: float, more: float) -> None:
     """The report hangs; the command of the stop jumps, which the car answers 0.1 s late and with its turn-in, turning
-    by `more` (rad/s) than its angle means, as on a bank, whose gravity it does not feel."""
+    by `more` (rad/s) than its angle means on level road: on a bank, where it feels less force."""
     asked = [angle(BEND)] * 100 + [angle(share * BEND)] * 60
     p = OVAL.at(LONGEST_STRAIGHT)
     pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(load_car(), StopConfig(), OVAL)
@@ -95,7 +95,8 @@ def test_a_car_that_has_not_turned_yet_with_a_command_that_jumps_goes_on_steerin
     for tick, asked_now in enumerate(asked):
         if tick > 100:
             yaw_rate += 0.1 * (SPEED * BEND * (1.0 if tick < 110 else share) + more - yaw_rate)
-        motion = moving(yaw_rate)._replace(ay=SPEED * (yaw_rate - more))
+        felt = SPEED * (yaw_rate - more) - CAR.wheelbase * more / (SPEED * UNDERSTEER)
+        motion = moving(yaw_rate)._replace(ay=felt)
         stuck.watch(asked[0], asked_now, motion)
         if tick > 100:
             steers = stuck.steers(motion)
