@@ -65,16 +65,11 @@ class Observer:
         """Road-wheel angle beyond what is reported, rad; without what the IMU has shown in the last seconds."""
         return self._lateral.without.now[lateral.ZERO]
 
-    def yields(self, speed: float) -> tuple[float, float]:
-        """Slip angles of front and rear axle away from their limit, rad a m/s2 of lateral force at `speed` (m/s), at
-        most twice those of the declared tyres; without what the IMU has shown in the last seconds."""
-        mean, declared, pressed = self._lateral.without.now, self._declared, self._vehicle.pressed(speed)
-        most = 2.0 / (declared[lateral.MU] * pressed)
-        front, rear = (
-            min(max(mean[slope] / (mean[lateral.MU] * pressed), 0.0), declared[slope] * most)
-            for slope in (lateral.SF, lateral.SR)
-        )
-        return front, rear
+    def rear_yields(self, speed: float) -> float:
+        """Slip angle of the rear axle away from its limit, rad a m/s2 of lateral force at `speed` (m/s), at most twice
+        that of the declared tyres; without what the IMU has shown in the last seconds."""
+        now, declared = (x[lateral.SR] / x[lateral.MU] for x in (self._lateral.without.now, self._declared))
+        return min(max(now, 0.0), 2.0 * declared) / self._vehicle.pressed(speed)
 
     @property
     def yaw_rates(self) -> tuple[float, float]:

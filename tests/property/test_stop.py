@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hil_gateway.car.car import load_car
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.motion import UNDERSTEER_MOST, Motion
 from hil_gateway.settings.gateway import StopConfig
 from hil_gateway.track.loading import load_track
 
@@ -23,9 +23,10 @@ MOTION = st.builds(
     yaw_rate=SIGNED,
     ay=st.floats(-60.0, 60.0),
     by_gyro=st.booleans(),
-    yields=st.tuples(*[st.floats(0.0, 0.02)] * 2),
+    understeer=st.floats(0.0, UNDERSTEER_MOST),
     prompt=st.booleans(),
     by_wheels=st.booleans(),
+    rear_yields=st.floats(0.0, 0.02),
 )
 POSE = st.builds(
     Pose, st.floats(-500.0, 500.0), st.floats(-500.0, 500.0), SIGNED, SPEED, st.one_of(st.just(0.0), SIGNED)

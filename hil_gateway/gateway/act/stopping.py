@@ -17,7 +17,7 @@ import numpy as np
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, way_along
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
 from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import StopConfig, beside
 from hil_gateway.track.track import Track
@@ -32,8 +32,6 @@ YAW_RATE_GAIN = 0.04
 """K, rad of steering per rad/s. A car with more grip in front than behind turns the faster the faster it turns, at up
 to 2 1/s at 70 m/s when braking has moved the load forward: without K it weaves until it spins. 0.03 just holds such a
 car with steering that is 0.1 s late; 0.07 still steadies every car tried"""
-BRAKED_UNDERSTEER = 0.5
-"""of the understeer is left under the brakes: they load the front axle"""
 FLAT_YAW_RATE_GAIN = 0.07
 """K with a flat tyre: with 0.04 the simulated race car spins on straights at 50 m/s when a rear tyre is flat, with 0.08
 it does not, with 0.14 it weaves until it spins; 0.07 still steadies every sound car tried"""
@@ -150,7 +148,7 @@ class Stopping:
         """
         if not motion.by_gyro:
             return -self._vehicle.lr * curvature
-        return -motion.yields[1] * motion.speed**2 * curvature
+        return -motion.rear_yields * motion.speed**2 * curvature
 
     def _for_bends(self, path: Path, pose: Pose, speed: float) -> float:
         """Deceleration after which no bend ahead needs more than `BEND_SHARE` of the declared grip, m/s2.

@@ -98,7 +98,7 @@ class DeadReckoning:
     def _slip(self, motion: Motion) -> float:
         if not motion.by_gyro or motion.speed < SLIP_FROM:
             return 0.0
-        return self._rear * motion.yaw_rate / motion.speed - motion.yields[1] * motion.ay
+        return self._rear * motion.yaw_rate / motion.speed - motion.rear_yields * motion.ay
 
     def _corrected(self, pose: Pose, state: VehicleState, motion: Motion) -> Pose:
         """Moved towards the fix that arrived this period, if one did."""

@@ -11,6 +11,8 @@ from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
+from hil_gateway.gateway.perceive.fading_ratio import LEARNT, FadingRatio
+from hil_gateway.observer.bank import RENEWED_S
 from hil_gateway.observer.longitudinal import NOISE
 from hil_gateway.observer.observer import SLOWEST, Acts, Observer
 from hil_gateway.process.clock import NS_PER_S
@@ -19,6 +21,17 @@ from hil_gateway.settings.gateway import PERIOD_S
 MOST_GRIP = 1.6
 """friction that no tyres exceed: what they slow a car down by with its downforce and drag at its fastest is the most.
 Wheels that slow down faster have locked"""
+UNDERSTEER = 1e-3
+"""rad per m/s2 of lateral force before anything has been learnt: a racing car at moderate lateral force"""
+UNDERSTEER_MOST = 2.0 * UNDERSTEER
+"""a car that turns at 80 m/s a fifth of what its steering angle means; the other way as much as the expected one, where
+the front tyres are a quarter better than the rear ones under the brakes"""
+BRAKED_UNDERSTEER = 0.5
+"""of the understeer is left under the brakes: they load the front axle, and it was learnt mostly under power"""
+BRAKED = 3.0
+"""m/s2 by the brakes above which the load that they shift shows"""
+SHORTEST_SHARE = 0.4
+"""of the wheelbase at least that a car turns as if it had: one that oversteers more is not steady"""
 POWERED = 0.02
 """slip-ratio drive command from which the engine may spin the driven wheels"""
 SPIN_LEAST = 0.6
@@ -41,17 +54,14 @@ class Motion(NamedTuple):
     ay: float = 0.0
     by_gyro: bool = True
     """whether the yaw rate is the gyro's; a substitute drifts, and fixes correct the heading"""
-    yields: tuple[float, float] = (0.0, 0.0)
-    """slip angle of front and rear axle, rad a m/s2 of lateral force, as the observer has learnt it"""
+    understeer: float = 0.0
+    """rad of steering angle a m/s2 of lateral force, as the gyro has taught it"""
     prompt: bool = True
     """whether the yaw rate is that of now: the gyro's, or one that the observer has told the changes of"""
     by_wheels: bool = True
     """whether the speed is that of the wheels"""
-
-    @property
-    def understeer(self) -> float:
-        """Steering angle beyond that of a slow car, rad a m/s2 of lateral force."""
-        return max(self.yields[0] - self.yields[1], 0.0)
+    rear_yields: float = 0.0
+    """slip angle of the rear axle, rad a m/s2 of lateral force, as the observer has learnt it"""
 
 
 class Judged(NamedTuple):
@@ -72,14 +82,22 @@ class Judged(NamedTuple):
     """on the bank where the car is, m/s2"""
 
 
+class _Taught(NamedTuple):
+    """Steering angle beyond that of a slow car over lateral force, rad a m/s2: lately, and under the brakes."""
+
+    understeer: float
+    braked: float
+
+
 class MotionReader:
     """Picks, every period, the best source that is valid.
 
     Speed: the second fastest wheel (one sensor may be wrong), at the centre of gravity and with the slip that brakes
     make, held against locking by what tyres can do; without wheels that of the fixes, then the IMU carries it on. Yaw
     rate: the gyro; without it the turn rate of the fixes' course, late by half the time it spans, with what has changed
-    since then by the observer, which does without the IMU; without fixes that of the observer; below its speed
-    v tan(delta) / L. Where nothing reports any more, what stands on the wire is taken for done.
+    since then by the observer, which does without the IMU; without fixes that of the observer; without wheels, or below
+    its speed, v tan(delta) / (L + K v^2) with the understeer K that the gyro has taught. Where nothing reports any
+    more, what stands on the wire is taken for done.
     """
 
     def __init__(self, car: Car, observer: Observer) -> None:
@@ -88,8 +106,12 @@ class MotionReader:
         self._per_drive = car.powertrain.force_per_drive / car.vehicle.mass
         fastest = car.actuators.speed_max
         self._slowing_most = MOST_GRIP * car.vehicle.pressed(fastest) + car.vehicle.drag(fastest)
-        self._steer = 0.0
-        """road-wheel angle as reported, else as asked for, rad"""
+        self._turns_in_s = car.turns_in_s
+        self._lately, self._under_brakes = FadingRatio(LEARNT, UNDERSTEER, 1.0), FadingRatio(LEARNT)
+        self._taught: deque[_Taught] = deque([self._teaches()], maxlen=round(RENEWED_S / PERIOD_S))
+        """of the last periods with an IMU, as long as one that the observer finds wrong may have taught wrongly"""
+        self._steered = 0.0
+        """yaw rate that the steering comes to by now, rad/s"""
         self._last_ns: int | None = None
         self._asked: deque[float] = deque(maxlen=periods_late(car))
         """steering angles on the wire, rad at the motor, the oldest of which the steering has reached"""
@@ -111,7 +133,10 @@ class MotionReader:
         rolled = self._second_fastest(state) * (1.0 + NOISE.slip_share * acts.braking)
         speed = self._speed(state, dt, rolled, acts, course, commanded)
         self._observe(state, speed, rolled, acts)
-        self._steer = acts.steer
+        if self._gyro(state) and self._wheels(state) and speed > SLOWEST:
+            self._learn(state, speed, acts)
+        share = dt / (dt + self._turns_in_s * speed + 1e-9)
+        self._steered += share * (self._turn_of(acts, speed) - self._steered)
         return self._move(state, speed, course)
 
     def again(self, state: VehicleState, course: Course | None) -> Motion:
@@ -170,18 +195,47 @@ class MotionReader:
 
     def _move(self, state: VehicleState, speed: float, course: Course | None) -> Motion:
         gyro = self._gyro(state)
-        yaw_rate = state.yaw_rate if gyro else self._without_gyro(speed, course)
+        yaw_rate = state.yaw_rate if gyro else self._without_gyro(state, course)
         prompt = gyro or (course is not None and len(self._observed) == COURSE_WINDOW)
         force = state.ay if gyro else speed * yaw_rate
-        self.motion = Motion(speed, yaw_rate, force, gyro, self._observer.yields(speed), prompt, self._wheels(state))
+        self.motion = Motion(
+            speed, yaw_rate, force, gyro, self._learnt.understeer, prompt, self._wheels(state),
+            self._observer.rear_yields(speed),
+        )  # fmt: skip
         return self.motion
 
-    def _without_gyro(self, speed: float, course: Course | None) -> float:
+    def _without_gyro(self, state: VehicleState, course: Course | None) -> float:
         turned = self._turned
         if course is not None:
             since = turned[-1] - sum(turned) / COURSE_WINDOW if len(turned) == COURSE_WINDOW else 0.0
             return course.turn_rate + since
-        return turned[-1] if turned else speed * math.tan(self._steer) / self._vehicle.wheelbase
+        return turned[-1] if turned and self._wheels(state) else self._steered
+
+    def _turn_of(self, acts: Acts, speed: float) -> float:
+        """Yaw rate that steering and brakes come to, rad/s."""
+        length = self._vehicle.wheelbase
+        understeer = self._learnt.braked if acts.braking > BRAKED else self._learnt.understeer
+        length = max(length + understeer * speed**2, SHORTEST_SHARE * length)
+        return speed * math.tan(acts.steer + self._observer.steer_zero) / length
+
+    @property
+    def _learnt(self) -> _Taught:
+        """What to go by."""
+        return self._taught[0 if self.judged.imu_wrong else -1]
+
+    def _learn(self, state: VehicleState, speed: float, acts: Acts) -> None:
+        """What a stop without an IMU goes by; a slide teaches nothing of how the car turns under the brakes."""
+        steer = state.steer + self._observer.steer_zero
+        beyond = math.tan(steer) - self._vehicle.wheelbase * state.yaw_rate / speed
+        self._lately.learn(beyond, state.ay)
+        if acts.braking > BRAKED and not self.judged.stopping:
+            self._under_brakes.learn(beyond, state.ay)
+        self._taught.append(self._teaches())
+
+    def _teaches(self) -> _Taught:
+        understeer = min(max(self._lately.alone, 0.0), UNDERSTEER_MOST)
+        braked = self._under_brakes.ratio(BRAKED_UNDERSTEER * understeer)
+        return _Taught(understeer, min(max(braked, -UNDERSTEER), UNDERSTEER_MOST))
 
     def _speed(  # noqa: PLR0917 - what it is taken from
         self, state: VehicleState, dt: float, rolled: float, acts: Acts, course: Course | None,

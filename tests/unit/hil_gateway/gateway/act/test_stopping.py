@@ -342,7 +342,7 @@ def test_a_stop_at_speed_steers_by_where_the_car_goes_not_by_where_it_points(rig
     slip, steers = VEHICLE.lr * turning.yaw_rate / turning.speed - 0.04, []
     for nose, going, rear in ((0.0, 0.0, 0.0), (0.04, slip, 0.04 / turning.ay), (0.04, 0.0, 0.0)):
         stop, pose = on_a_circle(rig)
-        pose, motion = pose._replace(yaw=pose.yaw + nose, slip=going), turning._replace(yields=(rear, rear))
+        pose, motion = pose._replace(yaw=pose.yaw + nose, slip=going), turning._replace(rear_yields=rear)
         steers.append(stop.command(motion, pose, emergency=False)[0])
     assert steers[1] == pytest.approx(steers[0], abs=4e-3)
     assert steers[2] < steers[0] - 0.01
@@ -351,5 +351,5 @@ def test_a_stop_at_speed_steers_by_where_the_car_goes_not_by_where_it_points(rig
 def test_a_stop_steers_more_with_a_car_that_understeers(rig):
     stop, pose = on_a_circle(rig)
     steady = Motion(30.0, 30.0 / 80.0, 30.0**2 / 80.0)
-    plain, pushing = (stop.command(steady._replace(yields=(k, 0.0)), pose, emergency=False)[0] for k in (0.0, 1e-3))
+    plain, pushing = (stop.command(steady._replace(understeer=k), pose, emergency=False)[0] for k in (0.0, 1e-3))
     assert pushing > plain + 0.3 * 1e-3 * steady.ay

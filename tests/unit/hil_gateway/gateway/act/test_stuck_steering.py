@@ -10,7 +10,7 @@ from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.act.stuck_steering import StuckSteering
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.motion import UNDERSTEER, Motion
 from hil_gateway.settings.gateway import StopConfig
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
@@ -23,8 +23,6 @@ LONGEST_STRAIGHT = max(
 )
 """where the longest straight of the track begins, m"""
 BEND = 1.0 / 200.0
-UNDERSTEER = 1e-3
-"""rad a m/s2"""
 
 
 def angle(curvature: float) -> float:
@@ -49,7 +47,7 @@ def slides(track: Track | None, curvature: float, reported: float, asked: float)
 
 def moving(yaw_rate: float) -> Motion:
     """At `SPEED` on level road, rad/s."""
-    return Motion(SPEED, yaw_rate, SPEED * yaw_rate, yields=(UNDERSTEER, 0.0))
+    return Motion(SPEED, yaw_rate, SPEED * yaw_rate, understeer=UNDERSTEER)
 
 
 def test_steering_that_stands_still_in_a_bend_that_ends_makes_the_car_slide_straight_on() -> None:

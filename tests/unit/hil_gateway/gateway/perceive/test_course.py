@@ -85,7 +85,7 @@ def test_a_reckoning_that_restarts_goes_on_from_the_fixes(rig):
 def test_side_slip_is_carried_on_as_the_rear_axle_yields(rig):
     """A rear axle that slips 0.004 rad per m/s2: at 10 m/s2 it goes 0.03 rad to the right of its nose."""
     reckoning, slip, rear = DeadReckoning(1.2), 0.004, 1.2
-    motion = Motion(40.0, 0.25, 10.0, yields=(0.0, slip))
+    motion = Motion(40.0, 0.25, 10.0, rear_yields=slip)
     vy = rear * motion.yaw_rate - slip * motion.ay * motion.speed
     standing = rig.gateway.builder.build(rig.now_ns, 9, 1, 0)
     for tick in range(10):

@@ -140,7 +140,7 @@ def test_fixes_that_are_not_believed_do_not_move_the_pose(rig):
 def test_a_car_whose_gyro_is_lost_still_goes_where_it_went(rig):
     """At 66 m/s in a bend it slips by 2.4 degrees: left out, that leads 1 m aside in 0.4 s."""
     reckoning, slip = DeadReckoning(1.2), 0.004
-    bend = Motion(66.0, 0.25, 16.0, yields=(0.0, slip))
+    bend = Motion(66.0, 0.25, 16.0, rear_yields=slip)
     vy = 1.2 * bend.yaw_rate - slip * bend.ay * bend.speed
     now_ns = rig.now_ns
     for _ in range(500):

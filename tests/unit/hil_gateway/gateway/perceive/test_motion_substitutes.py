@@ -41,8 +41,19 @@ def driving(speed: float, steer: float, sources: bool) -> VehicleState:
     return state.model_copy(update=changes | fronts | rears)
 
 
+class Silent(Observer):
+    """Has not seen the car: what the reader has learnt itself is left."""
+
+    def step(self, *_: object, **__: object) -> None:
+        pass
+
+
 def made() -> MotionReader:
     return MotionReader(load_car(), Observer(CONFIG))
+
+
+def alone() -> MotionReader:
+    return MotionReader(load_car(), Silent(CONFIG))
 
 
 def run(reader: MotionReader, state: VehicleState, seconds: float, start_ns: int, commanded: ActuatorPositions) -> int:
@@ -80,20 +91,52 @@ def test_with_nothing_reported_the_car_turns_a_tenth_of_a_second_after_its_comma
     assert reader.motion.yaw_rate > 0.2
 
 
+@pytest.mark.parametrize("wrong", [True, False])
+def test_what_a_wrong_imu_has_taught_at_last_is_not_gone_by(wrong: bool) -> None:
+    """A gyro that says 0.3 rad/s too much for half a second makes a car that understeers seem to oversteer."""
+    speed, steer = 60.0, 15.0 / 60.0**2 * (CAR.wheelbase + UNDERSTEER * 60.0**2)
+    reader, rolling = made(), ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
+    bend = driving(speed, steer, sources=True)
+    now_ns, before = run(reader, bend, 6.0, 0, rolling), reader.motion.understeer
+    now_ns = run(reader, bend.model_copy(update={"yaw_rate": bend.yaw_rate + 0.3}), 0.5, now_ns, rolling)
+    reader.judged = Judged(imu_wrong=wrong)
+    run(reader, bend, 0.1, now_ns, rolling)
+    assert (reader.motion.understeer == pytest.approx(before, rel=0.1)) is wrong
+
+
 @pytest.mark.parametrize("speed", [25.0, 60.0])
-def test_with_nothing_reported_the_car_turns_as_the_observer_has_learnt(speed: float) -> None:
+def test_with_nothing_reported_the_car_turns_as_its_understeer_has_been_learnt(speed: float) -> None:
     steer = 15.0 / speed**2 * (CAR.wheelbase + UNDERSTEER * speed**2)
-    reader, bend = made(), ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 3)
+    reader, bend = alone(), ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 3)
     now_ns = run(reader, driving(speed, steer, sources=True), 6.0, 0, bend)
     run(reader, driving(speed, steer, sources=False), 0.5, now_ns, bend)
     assert reader.motion.yaw_rate == pytest.approx(15.0 / speed, rel=0.06)
 
 
-def test_a_slow_car_of_which_nothing_is_reported_turns_by_its_steering() -> None:
-    reader, bend = made(), ActuatorPositions(CAR.steering_ratio * 0.1, 0.1, 0.0, 0.0, 1)
-    now_ns = run(reader, driving(5.0, 0.1, sources=True), 1.0, 0, bend)
-    run(reader, driving(5.0, 0.1, sources=False), 0.2, now_ns, bend)
-    assert reader.motion.yaw_rate == pytest.approx(reader.motion.speed * math.tan(0.1) / CAR.wheelbase)
+def test_with_nothing_reported_the_brakes_take_half_of_the_understeer() -> None:
+    speed, steer = 60.0, 15.0 / 60.0**2 * (CAR.wheelbase + UNDERSTEER * 60.0**2)
+    reader, half_pa = alone(), 0.5 * 6.0 * CAR.mass / PER_PA
+    rolling = ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
+    now_ns = run(reader, driving(speed, steer, sources=True), 6.0, 0, rolling)
+    braking = rolling._replace(accelerator=0.0, brake_front=half_pa, brake_rear=half_pa)
+    run(reader, driving(speed, steer, sources=False), 0.5, now_ns, braking)
+    turns = reader.motion.speed * math.tan(steer) / (CAR.wheelbase + 0.5 * UNDERSTEER * reader.motion.speed**2)
+    assert reader.motion.yaw_rate == pytest.approx(turns, rel=0.06)
+
+
+def test_with_nothing_reported_the_car_turns_under_the_brakes_as_it_has_under_them() -> None:
+    """A car that oversteers when braking loads its better front tyres."""
+    speed, half_pa = 40.0, 0.5 * 8.0 * CAR.mass / PER_PA
+    steer = 8.0 / speed**2 * (CAR.wheelbase - 0.5 * UNDERSTEER * speed**2)
+    turns = driving(speed, steer, sources=True).model_copy(update={"yaw_rate": 8.0 / speed, "ay": 8.0})
+    braking = turns.model_copy(update={"brake_front": half_pa, "brake_rear": half_pa})
+    asked = ActuatorPositions(CAR.steering_ratio * steer, 0.0, half_pa, half_pa, 4)
+    reader = alone()
+    now_ns = run(reader, braking, 6.0, 0, asked)
+    run(reader, driving(speed, steer, sources=False), 0.5, now_ns, asked)
+    slower = reader.motion.speed
+    expected = slower * math.tan(steer) / (CAR.wheelbase - 0.5 * UNDERSTEER * slower**2)
+    assert reader.motion.yaw_rate == pytest.approx(expected, rel=0.06)
 
 
 @pytest.mark.parametrize("known", [True, False])
