@@ -67,10 +67,11 @@ class WireLink:
         return frames
 
     def send(self, frame_id: int, data: bytes) -> bool:
-        sent = self._wire.transmit(self, frame_id, data)
-        self.counts.sent += sent
-        self.counts.send_failures += not sent
-        return sent
+        if self._wire.transmit(self, frame_id, data):
+            self.counts.sent += 1
+            return True
+        self.counts.send_failures += 1
+        return False
 
     def stats(self) -> LinkStats:
         self.counts.bus_state = BusState.ERROR_ACTIVE if self._wire.up else BusState.DOWN
