@@ -24,8 +24,6 @@ ROUNDS = 8
 """solutions in which points outside of the corridor are found and pushed back"""
 CLEAR = 1.2
 """m between the wheels and the edge the way keeps where it can: side slip, errors of position and steering"""
-CLEAR_BLIND = 2.2
-"""the same where no fixes hold the pose: after 6 s in a bend under the brakes it is 1.7 m aside"""
 NARROW_SHARE = 0.3
 """of the half width at least is corridor, however narrow the road"""
 OUTSIDE = 400.0

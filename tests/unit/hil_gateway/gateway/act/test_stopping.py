@@ -164,31 +164,6 @@ def test_a_way_begins_as_the_car_turns():
     assert (heading[2] - heading[1]) * 70.0**2 / 3.0 > 0.7 * 14.0
 
 
-def test_a_stop_that_no_fixes_guide_keeps_further_from_the_edges():
-    """Also where the fixes are lost in the middle of the stop."""
-    track = load_track("road_course")
-    here, least = beside(track, 900.0, 0.0, 0.0, 45.0), []
-    for blind in (False, True):
-        stop = stopping(track)
-        stop.start(0.0)
-        stop.command(motion(45.0), here, emergency=True)
-        stop.blind = blind
-        stop.command(motion(45.0), here, emergency=True)
-        assert stop._path is not None
-        least.append(track.width_left.min() - HALF_WIDTH - np.abs(offsets(track, stop._path)).max())
-    assert least[1] > least[0] + 0.4
-
-
-@pytest.mark.parametrize("fixes", [True, False])
-def test_a_gateway_without_fixes_for_a_fifth_of_a_second_says_so_to_its_stop(rig, fixes):
-    rig.drive = 0.1
-    rig.drive_off(6.0)
-    assert not rig.gateway._actor.stopping.blind
-    rig.car.muted |= set() if fixes else {"novatel_report"}
-    rig.run(0.3)
-    assert rig.gateway._actor.stopping.blind is not fixes
-
-
 def test_far_from_the_track_there_is_no_way_along_it():
     track = load_track("oval")
     assert way_along(track, HALF_WIDTH, beside(track, 10.0, 31.0, 0.0, 20.0), 0.0, 6.0) is None
