@@ -144,15 +144,15 @@ def test_the_way_of_a_stop_needs_less_lateral_force_than_the_middle_of_the_road(
 
 
 def test_a_way_from_beside_the_edge_of_a_straight_takes_little_grip_from_the_brakes():
-    """0.9 m clear of the edge at 70 m/s: no more than 5 m/s2 lead it to 2.2 m, which 2 s later it has."""
+    """0.9 m clear of the edge at 70 m/s: no more than 5 m/s2 lead it to 1.2 m, which 2 s later it has."""
     track = load_track("oval")
     straight = float(track.s[np.argmin(np.convolve(np.abs(track.curvature), np.ones(301), mode="same"))])
     edge = float(track.at(straight).width_left) - HALF_WIDTH
     pose = beside(track, straight, edge - 0.9, 0.0, 70.0)
-    path = way_along(track, HALF_WIDTH, pose, 0.0, 12.0, clear=2.2)
+    path = way_along(track, HALF_WIDTH, pose, 0.0, 12.0)
     lateral = np.abs(path.curvature())[2:45] * (70.0**2 - 2 * 12.0 * path.s[2:45])
     assert lateral.max() < 5.0
-    assert edge - offsets(track, path)[45] > 1.9
+    assert edge - offsets(track, path)[45] > 1.1
 
 
 def test_a_way_begins_as_the_car_turns():
