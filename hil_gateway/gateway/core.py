@@ -237,7 +237,7 @@ class Gateway:
         decision, command = self.decision, self.inbox.gate.newest
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
         found = Found(
-            self._tyres.flat_front, self._tyres.flat_rear, self.monitors.steering_reversed,
+            self._tyres.flat_front, self._tyres.flat_rear, self.monitors.blind, self.monitors.steering_reversed,
             caution_speed(self.builder, self._caution_speed),
         )  # fmt: skip
         sent, limited = self._actor.step(now_ns, state, motion, decision, command, pose, found)

@@ -45,6 +45,8 @@ class Found(NamedTuple):
     flat_front: bool
     flat_rear: bool
     """whether a tyre of that axle is flat"""
+    blind: bool
+    """whether no fixes hold the pose"""
     steering_reversed: bool
     """whether the steering goes to the other side than its command: a stop then asks for the other side"""
     caution_speed: float
@@ -62,7 +64,7 @@ class Actor:
         self._testing = config.gateway.mode == "actuator_test"
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
         self._mass_per_force = config.vehicle.mass / config.powertrain.force_per_drive
-        self._found = Found(False, False, False, config.gateway.caution_speed)
+        self._found = Found(False, False, False, False, config.gateway.caution_speed)
         self._drag_force = partial(config.powertrain.drag_force, wheel_radius=config.vehicle.wheel_radius)
         self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
         self._limits = Limits(config.car, config.gateway.limits.within(config.car))
@@ -101,7 +103,7 @@ class Actor:
     ) -> tuple[bool, tuple[str, ...]]:  # fmt: skip
         """Send this period's commands; whether all left, and the limits that changed them."""
         self._found = found
-        self.stopping.flat = found.flat_front or found.flat_rear
+        self.stopping.flat, self.stopping.blind = found.flat_front or found.flat_rear, found.blind
         armed, self._holding = decision.failsafe.armed, decision.holding
         if self._hill is not None:
             self._hill.watch(state, self.on_wire)

@@ -24,6 +24,8 @@ ROUNDS = 8
 """solutions in which points outside of the corridor are found and pushed back"""
 CLEAR = 1.2
 """m between the wheels and the edge the way keeps where it can: side slip, errors of position and steering"""
+CLEAR_BLIND = 2.2
+"""the same where no fixes hold the pose: after 6 s in a bend under the brakes it is 1.7 m aside"""
 NARROW_SHARE = 0.3
 """of the half width at least is corridor, however narrow the road"""
 OUTSIDE = 400.0
@@ -45,6 +47,11 @@ GIVEN = 3
 SMOOTH_S = 0.3
 """s in which a lateral force that changes by so much weighs as much as the force: steering acts after 0.1 s, and a car
 follows it within 0.2 s"""
+CLEAR_FIRST = 0.8
+"""m clear of the edges where the stop begins: the pose is good to 0.2 m then, and to turn at once to where it is clear
+of them takes 14 m/s2 at 70 m/s, which spins a car that oversteers under the brakes"""
+CLEAR_S = 1.5
+"""s after which the way keeps all of its distance: 1.4 m further in by then take 2.5 m/s2"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +90,11 @@ def polyline(points: Array) -> Path:
     return Path(points[0], points[1], np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points)))]))
 
 
-def way_along(track: Track, half_width: float, pose: Pose, turn_rate: float, deceleration: float) -> Path | None:
-    """Way of a stop with `deceleration` (m/s2) from `pose`, where the car turns with `turn_rate` (rad/s), with its
-    wheels, `half_width` (m) beside its middle, clear of the edges; None far from the track."""
+def way_along(
+    track: Track, half_width: float, pose: Pose, turn_rate: float, deceleration: float, *, clear: float = CLEAR
+) -> Path | None:
+    """Way of a stop with `deceleration` (m/s2) from `pose`, where the car turns with `turn_rate` (rad/s), in the end
+    with its wheels, `half_width` (m) beside its middle, `clear` (m) of the edges; None far from the track."""
     s0, offset = track.project(pose.x, pose.y)
     if not abs(offset) < LOST:
         return None
@@ -94,8 +103,9 @@ def way_along(track: Track, half_width: float, pose: Pose, turn_rate: float, dec
     on, gone = track.at(s), np.maximum(s - s0, 0.0)
     aside = _lane_aside(track, s, offset)
     start = _start(pose, turn_rate, offset, s[:GIVEN] - s0, on) - aside[:GIVEN]
+    clearance = CLEAR_FIRST + (clear - CLEAR_FIRST) * np.minimum(gone / (CLEAR_S * max(pose.speed, SLOWEST)), 1.0)
     room = track.room(s, aside)
-    corridor = _corridor(room.right, half_width + CLEAR), _corridor(room.left, half_width + CLEAR)
+    corridor = _corridor(room.right, half_width + clearance), _corridor(room.left, half_width + clearance)
     speed2 = np.maximum(pose.speed**2 - 2 * deceleration * gone, SLOWEST**2)
     e = aside + _least_lateral_force(start, on.curvature + _bend(aside), speed2, *corridor)
     return polyline(np.array([on.x - e * np.sin(on.heading), on.y + e * np.cos(on.heading)]))
@@ -128,7 +138,7 @@ def _turned(angle: float) -> float:
     return math.remainder(angle, 2 * math.pi)
 
 
-def _corridor(width: Array, clear: float) -> Array:
+def _corridor(width: Array, clear: Array) -> Array:
     """Largest offset to one side, m."""
     return np.asarray(np.maximum(width - clear, NARROW_SHARE * width))
 

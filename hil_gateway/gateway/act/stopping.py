@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.gateway.act.stop_path import Path, way_along
+from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, way_along
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
 from hil_gateway.process.arrays import Array
@@ -61,15 +61,18 @@ class Stopping:
         self._steer = 0.0
         self.flat = False
         """whether a tyre is flat"""
+        self.blind = False
+        """whether no fixes hold the pose"""
         self.lateral: float | None = None
         """specific force that the car has or its way needs, m/s2; None where it does not steer: brakes take all"""
         self._brakes = True
+        self._clear = CLEAR
         self._asked = 0.0
         """curvature that the steering asks for, 1/m"""
 
     def start(self, steer: float) -> None:
         """A stop begins; without a path the present angle is held."""
-        self._steer, self._path, self._brakes = steer, None, True
+        self._steer, self._path, self._brakes, self._clear = steer, None, True, CLEAR
 
     def command(
         self, motion: Motion, pose: Pose | None, emergency: bool, steers: bool = True, brakes: bool = True
@@ -82,6 +85,8 @@ class Stopping:
         config = self._config
         if self._brakes and not brakes:
             self._brakes, self._path = False, None
+        if self.blind and self._clear < CLEAR_BLIND:
+            self._clear, self._path = CLEAR_BLIND, None
         if pose is not None and (self._path is None or self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
             self._take(self._way(pose, motion))
         if self._path is not None and pose is not None:
@@ -104,7 +109,7 @@ class Stopping:
         if self._track is None:
             return None
         deceleration = self._config.controlled_deceleration if self._brakes else self._vehicle.drag(ROLLS_OUT)
-        return way_along(self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration)
+        return way_along(self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration, clear=self._clear)
 
     def _take(self, path: Path | None) -> None:
         """Follow this path; where there is none, the one before."""

@@ -9,7 +9,7 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.course import Course
+from hil_gateway.gateway.perceive.course import OLDEST_S, Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, SILENT_S, Comparison, ConditionTime
 from hil_gateway.gateway.perceive.inbox import usable
@@ -71,6 +71,11 @@ class Monitors:
     def fixes_fit(self) -> bool:
         """Whether fixes are believed; where the IMU is contradicted too, it is the IMU that they did not fit."""
         return self.imu_wrong or not self.position.suspect
+
+    @property
+    def blind(self) -> bool:
+        """Whether no fixes hold the pose: wrong, or none for `OLDEST_S`."""
+        return self.position.lost_s > OLDEST_S or (self.position.wrong and not self.imu_wrong)
 
     @property
     def estimate_fits(self) -> bool:
