@@ -67,11 +67,11 @@ def test_monitor_says_where_the_model_fails() -> None:
 
 def test_monitor_blames_nothing_on_the_model_that_belief_or_state_do_not_know_yet() -> None:
     """A lateral residual of 1.2 m/s2: tyres known to 15 % explain it, and so does a side slip known to 0.3 m/s."""
-    unlearnt, slipping = Laps(), Laps()
+    sure, unlearnt, slipping = Laps(), Laps(), Laps()
     unlearnt.known = np.diag([(0.15 * p.prior) ** 2 for p in unlearnt.model.tyre_table])
     slipping.state = np.diag([0.0, 0.3**2, 0.0])
-    for laps, visits in ((unlearnt, 100.0), (slipping, 20.0)):
-        assert laps.findings(lambda s: np.array([0.0, 1.2 if s.z[1] > 5.0 else 0.0, 0.0]), visits) == []
+    for laps, seconds, alerts in ((sure, 20.0, True), (slipping, 20.0, False), (unlearnt, 100.0, False)):
+        assert bool(laps.findings(lambda s: np.array([0.0, 1.2 if s.z[1] > 5.0 else 0.0, 0.0]), seconds)) == alerts
 
 
 def test_monitor_suspects_the_effect_that_is_there() -> None:
