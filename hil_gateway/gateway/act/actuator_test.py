@@ -1,7 +1,7 @@
 """Actuator test of the bring-up: one small, slow move after the other, engine off, car standing.
 
-Each move rises to its peak in a second, holds for one, falls in one; a pause between them. What to see: the reports
-follow (`hil gateway check`), steering to the left first.
+Each move rises to its peak, holds, falls and rests, a second each. What to see: the reports follow
+(`hil gateway check`), steering to the left first.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ from typing import Any
 
 from hil_gateway.car.actuation import PRESSED, ActuatorPositions
 
-RAMP_S = 1.0
-PAUSE_S = 1.0
-MOVE_S = 3 * RAMP_S + PAUSE_S
+PHASE_S = 1.0
+"""to rise, to hold, to fall and to rest: slow enough to be seen"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +31,7 @@ MOVES: tuple[Move, ...] = (
     Move("brake_rear", 5.0 * PRESSED),
     Move("accelerator", 0.05),
 )
-DURATION_S = len(MOVES) * MOVE_S
+DURATION_S = len(MOVES) * 4 * PHASE_S
 
 
 def position(elapsed_s: float, steering_range: float) -> ActuatorPositions:
@@ -41,11 +40,11 @@ def position(elapsed_s: float, steering_range: float) -> ActuatorPositions:
     `steering_range` of the motor to either side, rad.
     """
     rest = ActuatorPositions(0.0, 0.0, 0.0, 0.0, 0)
-    index, within_s = divmod(elapsed_s, MOVE_S)
+    index, phases = divmod(elapsed_s / PHASE_S, 4)
     if not 0 <= index < len(MOVES):
         return rest
     move = MOVES[int(index)]
-    value = max(0.0, min(within_s / RAMP_S, 1.0, 3.0 - within_s / RAMP_S)) * move.peak
+    value = max(0.0, min(phases, 1.0, 3.0 - phases)) * move.peak
     value *= steering_range if move.actuator == "steering_motor" else 1.0
     changed: dict[str, Any] = {move.actuator: value}
     return rest._replace(**changed)

@@ -33,8 +33,6 @@ all of it they do not turn the car"""
 SLIPS = (0.08, 0.06)
 """slip of the faster wheel, front and rear, beyond which an axle is let go: racing tyres give most at 0.1, and without
 lateral force"""
-LET_GO = 100.0
-"""1/s a unit of slip beyond: at 0.05 the pressure halves within 0.14 s, before a wheel stands"""
 PRESS_AGAIN_S = 1.5
 """until the whole pressure is back"""
 WATCHED = 20
@@ -147,10 +145,11 @@ class AxleBrakes:
         return 1.0 - fastest_front / motion.speed, 1.0 - fastest_rear / motion.speed
 
     def _watch(self, pressures: tuple[float, float], slips: tuple[float, float]) -> None:
-        """Let an axle go that slips, and press again where it rolls."""
+        """Let an axle go that slips, by as much of its pressure a period as it slips beyond (at 0.05 half of it is gone
+        within 0.14 s, before a wheel stands), and press again where it rolls."""
         for axle, (pressure, slip, bound) in enumerate(zip(pressures, slips, SLIPS, strict=True)):
             if slip > bound:
-                share = max(1.0 - LET_GO * (slip - bound) * PERIOD_S, LEAST_SHARE)
+                share = max(1.0 - (slip - bound), LEAST_SHARE)
                 self._held[axle] = max(share * min(self._held[axle], pressure), PRESSED)
             else:
                 self._held[axle] = min(self._held[axle] + self._most / PRESS_AGAIN_S * PERIOD_S, self._most)

@@ -17,9 +17,6 @@ from hil_gateway.car.car import Car
 from hil_gateway.process.errors import InputError
 from hil_gateway.settings.gateway import CommandRates
 
-FREE = 1 << 32
-"""steps: more than any field has"""
-
 
 class RawCommand(NamedTuple):
     """Raw integers of the actuator signals, as they stand in the frames; 0 where the car has no such signal."""
@@ -38,17 +35,17 @@ class RawCommand(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SignalLimit:
-    """Bounds of one raw signal; `up` and `down` are steps per frame."""
+    """Bounds of one raw signal; `up` and `down` are steps per frame. By itself: of one that the car does not have."""
 
-    name: str
-    scale: float
+    name: str = ""
+    scale: float = 1.0
     """SI per raw step; negative where the signal counts the other way"""
-    zero: float
+    zero: float = 0.0
     """SI at raw 0"""
-    low: int
-    high: int
-    up: int
-    down: int
+    low: int = 0
+    high: int = 0
+    up: int = 0
+    down: int = 0
 
     def apply(self, wanted: float, previous: int) -> int:
         """Nearest admissible raw value to `wanted` (SI); not-a-number keeps the previous one."""
@@ -65,10 +62,6 @@ class SignalLimit:
     def value(self, raw: int) -> float:
         """SI of a raw value."""
         return raw * self.scale + self.zero
-
-
-_ABSENT = SignalLimit("", 1.0, 0.0, 0, 0, FREE, FREE)
-"""of a signal that the car does not have"""
 
 
 class Limits:
@@ -98,7 +91,7 @@ class Limits:
         self.signals: Mapping[str, SignalLimit] = {
             name: _signal_limit(name, commands[name], ranges[name], moves[name]) for name in ranges if name in commands
         }
-        self._in_order = tuple(self.signals.get(name, _ABSENT) for name in RawCommand._fields)
+        self._in_order = tuple(self.signals.get(name, SignalLimit()) for name in RawCommand._fields)
         self._bias = None if "brake_rear" in commands else train.brake_bias_front
         """front share of the pressure where the car sets the rear one by itself"""
 
@@ -142,7 +135,7 @@ def _signal_limit(name: str, place: Place, bounds: tuple[float, float], rates: t
     ends = sorted((bound - place.zero) / place.scale for bound in bounds)
     raw_low, raw_high = place.signal.raw_range
     low, high = max(math.ceil(ends[0] - 1e-9), raw_low), min(math.floor(ends[1] + 1e-9), raw_high)
-    rise, fall = (_steps(rate, place) for rate in rates)
+    rise, fall = (_steps(rate, place, high - low) for rate in rates)
     if low >= high or min(rise, fall) < 1:
         raise InputError(
             f"{place.message.name}.{place.signal.name}: steps of {abs(place.scale):g} (SI) cannot show {name} from"
@@ -152,6 +145,6 @@ def _signal_limit(name: str, place: Place, bounds: tuple[float, float], rates: t
     return SignalLimit(name, place.scale, place.zero, low, high, up, down)
 
 
-def _steps(rate: float, place: Place) -> int:
-    """Steps per frame of a rate in SI per second."""
-    return FREE if math.isinf(rate) else math.floor(rate * place.message.period_s / abs(place.scale) + 1e-9)
+def _steps(rate: float, place: Place, most: int) -> int:
+    """Steps per frame of a rate in SI per second; `most` are the whole range."""
+    return math.floor(min(rate * place.message.period_s / abs(place.scale), most) + 1e-9)

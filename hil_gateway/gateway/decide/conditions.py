@@ -177,7 +177,7 @@ class Conditions:
         """Whether no other computer commands the car, as far as one that has just begun to listen can tell; asked in
         every period, for it listens from the first one on."""
         self._began_ns = now_ns if self._began_ns is None else self._began_ns
-        return now_ns - self._began_ns >= LISTENS_NS and not self._builder.foreign_commands(now_ns)
+        return now_ns - self._began_ns >= LISTENS_NS and not self._builder.another("commands", now_ns)
 
     def _of_the_car(self, now_ns: int, state: VehicleState) -> dict[str, float]:
         """What the car reports of itself."""
@@ -198,8 +198,8 @@ class Conditions:
         builder = self._builder
         return {
             "sender_doubled": _holds(builder.doubled),
-            "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),
-            "foreign_commands": _holds(builder.foreign_commands(now_ns)),
+            "foreign_emergency": _holds(builder.another("reports an emergency", now_ns)),
+            "foreign_commands": _holds(builder.another("commands", now_ns)),
             "can_silence": builder.silence_s(now_ns),
             "counters_wrong": _holds(builder.counter_faults.level(now_ns) >= COUNTER_FAULT),
         }

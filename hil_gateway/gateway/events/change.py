@@ -79,7 +79,7 @@ class Seen(NamedTuple):
             bus_state=bus_state,
             inputs=inputs,
             why=gateway.why,
-            second_computer=gateway.builder.foreign_reports(now_ns),
+            second_computer=gateway.builder.another("reports", now_ns),
             command_source=gateway.inbox.command_source,
             second_source=gateway.inbox.second_source,
             cause=gateway.decision.cause,

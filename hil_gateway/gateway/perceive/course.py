@@ -12,7 +12,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from hil_gateway.gateway.perceive.duration import JITTER_S, UNSEEN_S
+from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, JITTER_S, SILENT_S, UNSEEN_S
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.observer.bank import GATE
 from hil_gateway.observer.observer import SLOWEST
@@ -22,7 +22,7 @@ FITTED = 8
 """fixes: 0.35 s at 20 Hz; fewer let noise through, more answer late"""
 COURSE_WINDOW = 38
 """periods of the gateway: the time the fixes behind a course span, and half a fix"""
-OLDEST_S = 0.15
+OLDEST_S = CONTRADICTED_S + SILENT_S
 """age of the newest fix beyond which the course is no longer known: two fixes were lost"""
 WEAVES_M, DEVIATIONS = 0.15, 7.5
 """of a car that weaves from a parabola, and of what fixes scatter beside it in standard deviations: further apart,

@@ -25,9 +25,6 @@ Without a gyro the heading turns by that share of the angle to it: 0.02 m of noi
 SHORTEST_M = 0.5
 """way between fixes from which their direction says something"""
 
-SLIP_FROM = SLOWEST
-"""m/s from which side slip matters"""
-
 
 class Pose(NamedTuple):
     """Centre of gravity in the map, m and rad, and speed over ground, m/s."""
@@ -38,6 +35,17 @@ class Pose(NamedTuple):
     speed: float
     slip: float = 0.0
     """rad from where the car points to where it goes; 0 where the yaw is that of a course"""
+
+    def onward(self, way: float, turned: float) -> Pose:
+        """After `way` (m), in which it has turned by `turned` (rad): at the end of the chord of that arc."""
+        middle = self.yaw + self.slip + 0.5 * turned
+        x, y = self.x + way * math.cos(middle), self.y + way * math.sin(middle)
+        return Pose(x, y, self.yaw + turned, self.speed, self.slip)
+
+    def offset(self, x: float, y: float) -> tuple[float, float]:
+        """How far a point lies ahead of it and to its left, by where it goes, m."""
+        dx, dy, cos, sin = x - self.x, y - self.y, math.cos(self.yaw + self.slip), math.sin(self.yaw + self.slip)
+        return cos * dx + sin * dy, cos * dy - sin * dx
 
 
 class DeadReckoning:
@@ -86,17 +94,14 @@ class DeadReckoning:
     def _carried_on(self, pose: Pose, now_ns: int, motion: Motion) -> Pose:
         dt = min(max((now_ns - self._pose_ns) / NS_PER_S, 0.0), UNSEEN_S)
         self._pose_ns = now_ns
-        speed = motion.speed
-        self._blind_m += speed * dt
-        slip = self._slip(motion)
+        way, slip = motion.speed * dt, self._slip(motion)
+        self._blind_m += way
         before = pose.yaw if motion.by_gyro == self._by_gyro else pose.yaw + pose.slip - slip
         self._by_gyro = motion.by_gyro  # where the slip is no longer known, the car still goes where it went
-        yaw = before + motion.yaw_rate * dt
-        middle = 0.5 * (before + yaw) + slip
-        return Pose(pose.x + speed * math.cos(middle) * dt, pose.y + speed * math.sin(middle) * dt, yaw, speed, slip)
+        return Pose(pose.x, pose.y, before, motion.speed, slip).onward(way, motion.yaw_rate * dt)
 
     def _slip(self, motion: Motion) -> float:
-        if not motion.by_gyro or motion.speed < SLIP_FROM:
+        if not motion.by_gyro or motion.speed < SLOWEST:
             return 0.0
         return self._rear * motion.yaw_rate / motion.speed - motion.rear_yields * motion.ay
 
@@ -105,9 +110,9 @@ class DeadReckoning:
         if state.position_seq == self._fix_seq:
             return pose
         self._fix_seq = state.position_seq
-        dx, dy = state.position_x - pose.x, state.position_y - pose.y
-        across = math.cos(pose.yaw) * dy - math.sin(pose.yaw) * dx
-        drifts = not motion.by_gyro
-        turned = math.atan2(FIX_GAIN * across, self._blind_m) if drifts and self._blind_m >= SHORTEST_M else 0.0
+        x, y, drifts = state.position_x, state.position_y, not motion.by_gyro
+        across = FIX_GAIN * pose.offset(x, y)[1]
+        turned = math.atan2(across, self._blind_m) if drifts and self._blind_m >= SHORTEST_M else 0.0
         self._blind_m = 0.0
-        return Pose(pose.x + FIX_GAIN * dx, pose.y + FIX_GAIN * dy, pose.yaw + turned, pose.speed, pose.slip)
+        x, y = pose.x + FIX_GAIN * (x - pose.x), pose.y + FIX_GAIN * (y - pose.y)
+        return pose._replace(x=x, y=y, yaw=pose.yaw + turned)

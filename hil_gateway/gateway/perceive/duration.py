@@ -12,6 +12,8 @@ SILENT_S = 0.05
 """five periods of the fastest reports: nothing of them is a silence"""
 CONTRADICTED_S = 0.1
 """two fixes at 20 Hz, or readings of other receivers at 10 Hz: what contradicts for longer is no single wrong one"""
+NAMED_S = 1.0
+"""for which somebody counts as there who has sent what is not his to send"""
 
 
 class ConditionTime:

@@ -11,6 +11,7 @@ from hil_gateway.bus.messages import Estimate, FailsafeAction, OperatorAction, O
 from hil_gateway.bus.outside import Navigation
 from hil_gateway.bus.track_day.run import RunPhase, RunStatus
 from hil_gateway.gateway.command_gate import CommandGate, Refusal
+from hil_gateway.gateway.perceive.duration import NAMED_S
 from hil_gateway.gateway.requests import REQUESTS
 from hil_gateway.process.clock import NS_PER_S
 
@@ -18,8 +19,6 @@ ESTIMATE_MAX_S = 0.1
 """An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
 gateway or the estimator was held up does not pass for new."""
 COMMAND_QUEUE = 16
-SECOND_SOURCE_NS = NS_PER_S
-"""how long a refused sender is named"""
 NAVIGATION_QUEUE = 64
 """messages of receivers in a period: 20 come of four that send 500 a second each"""
 OPERATOR_QUEUE = 1024
@@ -78,7 +77,7 @@ class Inbox:
                 self.refused[refusal] = self.refused.get(refusal, 0) + 1
             if refusal is Refusal.SECOND_SOURCE:
                 self.second_source, self._second_ns = command.source, now_ns
-        if now_ns - self._second_ns > SECOND_SOURCE_NS:
+        if now_ns - self._second_ns > NAMED_S * NS_PER_S:
             self.second_source = self.gate.successor = ""
 
     def read_navigation(self, now_ns: int) -> list[Navigation]:

@@ -7,8 +7,6 @@ which the reader was held up itself is none: it has read since then whatever wai
 
 from __future__ import annotations
 
-import math
-
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.duration import JITTER_S, SILENT_S
 from hil_gateway.gateway.perceive.motion import Motion
@@ -68,6 +66,4 @@ def brought_up(
     now = motion._replace(speed=speed, yaw_rate=motion.yaw_rate + turned)
     if pose is None:
         return now, None
-    middle, way = pose.yaw + pose.slip + 0.5 * middle_rate * late_s, 0.5 * (motion.speed + speed) * late_s
-    x, y = pose.x + way * math.cos(middle), pose.y + way * math.sin(middle)
-    return now, Pose(x, y, pose.yaw + middle_rate * late_s, speed, pose.slip)
+    return now, pose.onward(0.5 * (motion.speed + speed) * late_s, middle_rate * late_s)._replace(speed=speed)

@@ -9,6 +9,7 @@ from can_dbc.codec import Codec, Decoder, Values
 from can_dbc.database import BusMessage
 from can_dbc.quantities import WHEELS
 from hil_gateway.car.car import Car
+from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.frame_counts import LeakyBucket
 from hil_gateway.gateway.perceive.positions.fixes import MOVING, Fixes
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
@@ -19,8 +20,6 @@ STUCK_FRAMES = 20
 bit of each; a sensor at 50 Hz repeats itself once)."""
 OVER = 1.4
 """times its declared rate at which a message may come for ever: a sender's clock, and frames that waited somewhere"""
-SURPLUS_S = 0.5
-"""of declared frames beyond that are a second sender: more than any pause of one delivers afterwards (its deadline)"""
 WHEEL_SPEEDS = tuple(f"wheel_speed_{wheel}" for wheel in WHEELS)
 MOTOR_SENSORS = ("steering_motor_primary", "steering_motor_secondary")
 
@@ -119,8 +118,9 @@ def received_messages(car: Car, newest: Values, fixes: Fixes) -> dict[int, Recei
 
 
 def _surplus(period_s: float) -> LeakyBucket:
-    """Of frames with this period; half full of too many."""
-    return LeakyBucket(round(period_s * NS_PER_S / OVER), highest=2 * max(round(SURPLUS_S / period_s), 5))
+    """Of frames with this period, half full of too many: more than any pause of one sender, beyond which a source has
+    gone, delivers afterwards."""
+    return LeakyBucket(round(period_s * NS_PER_S / OVER), highest=2 * max(round(UNSEEN_S / period_s), 5))
 
 
 def _limits(codec: Codec, quantities: tuple[str, ...]) -> tuple[tuple[str, float, float], ...]:

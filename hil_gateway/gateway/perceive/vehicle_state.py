@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from operator import attrgetter
-from typing import Any
+from typing import Any, Literal
 
 from can_dbc.codec import COUNTER, Codec, Fault, FaultKind
 from can_dbc.quantities import WHEELS
@@ -19,6 +19,7 @@ from hil_gateway.can_link import Frame
 from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.states import SysState, TrackFlag, VehicleFlag, meanings
 from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, NAMED_S
 from hil_gateway.gateway.perceive.frame_counts import FrameCounts, LeakyBucket
 from hil_gateway.gateway.perceive.imu_place import ImuPlace
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
@@ -31,16 +32,17 @@ REQUIRED = ("imu", "wheel_speeds", "steering", "pedals", "powertrain", "vehicle"
 """Sources without which nothing is driven. Position has its own filter; race control its own heartbeat."""
 CLOCKS = ("pedals", "steering", "vehicle", "powertrain")
 """Sources whose rolling counter tells the time of the drive-by-wire node."""
-FOREIGN_S = 1.0
-"""How long a frame of another computer counts."""
 AS_REPORTED = (*(f"wheel_speed_{wheel}" for wheel in WHEELS), "brake_front", "brake_rear", "engine_speed")
 """quantities that the state has as the car reports them"""
 MAP_RADIUS = 50e3
 """A position further from the origin is no position of this map, m (receivers report 0, 0 before their first fix)."""
-COUNTER_LEAK_NS = NS_PER_S // 10
-"""Time after which one wrong counter is forgotten."""
+COUNTER_LEAK_NS = round(CONTRADICTED_S * NS_PER_S)
+"""after which one wrong counter is forgotten"""
 COUNTER_FAULT = 5
 """Level of the leaky bucket that is a fault."""
+
+Foreign = Literal["commands", "reports", "reports an emergency"]
+"""what another computer does on this bus: commands the actuators, or says its state, or that this is an emergency"""
 
 
 class VehicleStateBuilder:
@@ -83,9 +85,8 @@ class VehicleStateBuilder:
         self._seq = 0
         self._newest_ns: int | None = None
         self.counts = FrameCounts()
-        self._foreign_emergency_ns: int | None = None
-        self._foreign_command_ns: int | None = None
-        self._foreign_report_ns: int | None = None
+        self._foreign_ns: dict[Foreign, int] = {}
+        """when another computer on this bus last did so"""
         self.counter_faults = LeakyBucket(COUNTER_LEAK_NS, highest=2 * COUNTER_FAULT)
 
     def take(self, frames: Iterable[Frame], now_ns: int) -> None:
@@ -113,17 +114,9 @@ class VehicleStateBuilder:
         """Seconds since the last frame of the car that could be decoded."""
         return _age_s(self._newest_ns, now_ns)
 
-    def foreign_emergency(self, now_ns: int) -> bool:
-        """Whether another computer on this bus has just reported an emergency."""
-        return _age_s(self._foreign_emergency_ns, now_ns) <= FOREIGN_S
-
-    def foreign_commands(self, now_ns: int) -> bool:
-        """Whether another computer on this bus is commanding the actuators."""
-        return _age_s(self._foreign_command_ns, now_ns) <= FOREIGN_S
-
-    def foreign_reports(self, now_ns: int) -> bool:
-        """Whether another computer on this bus says what state it is in."""
-        return _age_s(self._foreign_report_ns, now_ns) <= FOREIGN_S
+    def another(self, does: Foreign, now_ns: int) -> bool:
+        """Whether another computer on this bus has just done so."""
+        return _age_s(self._foreign_ns.get(does), now_ns) <= NAMED_S
 
     def value(self, quantity: str, before: float = 0.0) -> float:
         """Newest plausible value of a quantity, SI; `before` the first, and where the car does not report it."""
@@ -269,13 +262,13 @@ class VehicleStateBuilder:
             self.counts.unknown += 1
             return
         if self._codec.by_id[frame.id].name in self._commands:  # the car may read it, whatever its length
-            self._foreign_command_ns = now_ns
+            self._foreign_ns["commands"] = now_ns
         if isinstance(values, Fault):
             self.counts.malformed += 1
         elif "ct_state" in values:
-            self._foreign_report_ns = now_ns
+            self._foreign_ns["reports"] = now_ns
             if int(values["ct_state"]) == self._emergency:
-                self._foreign_emergency_ns = now_ns
+                self._foreign_ns["reports an emergency"] = now_ns
 
     def _check_counter(self, entry: Received, value: int, now_ns: int) -> None:
         if entry.counter is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from hil_gateway.bus.latest import Latest
@@ -23,7 +24,6 @@ from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.observer.observer import Observer
 from hil_gateway.track.track import Track
 
-INFINITE = float("inf")
 SPEED_SHARE = 0.14
 """of the speed by the fixes: slip of all wheels, unequal rolling radii, lag of the fixes"""
 STEERS = (SysState.DRIVING, SysState.EMERGENCY)
@@ -126,7 +126,7 @@ class Monitors:
         self._distrust(sensors, max(sensors.speed, unanswered_s))
         no_wheels, no_imu = self.wheels_wrong, self.imu_wrong
         return {
-            "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
+            "position_wrong": math.inf if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
             "wheel_speed_wrong": max(sensors.wheels, self._without_wheels.update(no_wheels, now_ns)),
             "yaw_rate_wrong": max(sensors.imu, self._without_imu.update(no_imu, now_ns) + CONTRADICTED_S * no_imu),
@@ -146,7 +146,7 @@ class Monitors:
         braked = self._braked.step(self.motion.pressed(state), speed)
         fixes = None if self.position.wrong and not self.imu_wrong else course
         off_s = self._imu.update(0.0 if self._wheels_apart else observer.imu_off, now_ns)
-        imu = INFINITE if self._itself.found else off_s
+        imu = math.inf if self._itself.found else off_s
         one = self._wheel.update(observer.wheel_off if braked < INNER else 0.0, now_ns)
         changes = self._speed.update(observer.speed_off if both else 0.0, now_ns)
         apart = 0.0

@@ -43,8 +43,8 @@ class PositionMonitor:
         self._level = 0.0
         self._seq = 0
         self._last_ns: int | None = None
-        self._reference: tuple[float, float, float] | None = None
-        """x, y and direction of motion carried on from the last fix that agreed; None before it"""
+        self._reference: Pose | None = None
+        """that of a point which goes where it points, carried on from the last fix that agreed; None before it"""
         self._way_m = 0.0
         self._place: tuple[float, float] | None = None
         """the last fix that agreed, of a car that is slow or has no heading, since which it has gone so far"""
@@ -128,45 +128,30 @@ class PositionMonitor:
             self._place, self._way_m = fix, 0.0
 
     def _carry_on(self, motion: Motion, dt: float) -> None:
-        if self._reference is None:
-            return
-        x, y, course = self._reference
-        middle = course + 0.5 * motion.yaw_rate * dt
-        way = motion.speed * dt
-        self._reference = x + way * math.cos(middle), y + way * math.sin(middle), course + motion.yaw_rate * dt
-        self._way_m += way
+        if self._reference is not None:
+            way = motion.speed * dt
+            self._reference = self._reference.onward(way, motion.yaw_rate * dt)
+            self._way_m += way
 
     def _judge(self, x: float, y: float, motion: Motion, pose: Pose) -> None:
-        if self._reference is None:
-            self._reference, self._way_m = (x, y, pose.yaw + pose.slip), 0.0
+        course, reference = pose.yaw + pose.slip, self._reference
+        if reference is None:
+            self._reference, self._way_m = Pose(x, y, course, pose.speed), 0.0
             return
-        along, across = self._offset(x, y)
+        along, across = reference.offset(x, y)
         agrees = self._agrees(along, across, motion.speed)
         self._count(agrees)
-        if agrees:
-            self._take(along, across, pose)
+        if not agrees:
+            return
+        most = self._tolerance + ALONG * self._way_m
+        late = along - max(-most, min(along, most))  # not from there: the next fix, in time, would lead too far
+        place = reference._replace(x=x, y=y).onward(-late, 0.0)
+        self._reference, self._way_m = place._replace(yaw=course) if self._level <= 0.0 else place, 0.0
 
     def _count(self, agrees: bool) -> None:
         """A fix that agrees with the way the car has gone, or not."""
         self._level = max(self._level - 1.0 / WRONG, 0.0) if agrees else min(self._level + 1.0, WRONG)
         self._note(self._level >= WRONG, "they leave the way by wheels and gyro")
-
-    def _offset(self, x: float, y: float) -> tuple[float, float]:
-        """How far a fix lies ahead and to the left of the place carried on, m."""
-        assert self._reference is not None
-        x0, y0, course = self._reference
-        cos, sin = math.cos(course), math.sin(course)
-        return cos * (x - x0) + sin * (y - y0), cos * (y - y0) - sin * (x - x0)
-
-    def _take(self, along: float, across: float, pose: Pose) -> None:
-        """Go on from an agreeing fix, but not from its lateness: the next one, in time, would lead too far."""
-        assert self._reference is not None
-        x, y, course = self._reference
-        most = self._tolerance + ALONG * self._way_m
-        along = max(-most, min(along, most))
-        cos, sin = math.cos(course), math.sin(course)
-        course = pose.yaw + pose.slip if self._level <= 0.0 else course
-        self._reference, self._way_m = (x + cos * along - sin * across, y + sin * along + cos * across, course), 0.0
 
     def _agrees(self, along: float, across: float, speed: float) -> bool:
         longest = self._tolerance + ALONG * self._way_m + JITTER_S * speed

@@ -10,7 +10,7 @@ import pytest
 
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import load_car
-from hil_gateway.gateway.act.limits import FREE, Limits, RawCommand, SignalLimit, _signal_limit
+from hil_gateway.gateway.act.limits import Limits, RawCommand, SignalLimit, _signal_limit
 from hil_gateway.process.errors import InputError
 from hil_gateway.settings.gateway import LimitConfig
 
@@ -25,7 +25,7 @@ def test_bounds_and_rates_are_the_declared_ones_in_raw_steps():
     bounds = {name: (limit.low, limit.high, limit.up, limit.down) for name, limit in LIMITS.signals.items()}
     assert bounds == {
         "steering_motor": (-479, 479, 10, 10),  # 239.8 deg lies between two steps of 0.5
-        "accelerator": (0, 10_000, 400, FREE),
+        "accelerator": (0, 10_000, 400, 10_000),
         "brake_front": (0, 6000, 1800, 600),
         "brake_rear": (0, 6000, 1800, 600),
         "gear": (0, 6, 1, 1),
@@ -144,8 +144,8 @@ def test_a_signal_that_counts_the_other_way_rises_as_it_should_fall():
     """2000 - raw kPa: pressing hard counts down, letting go counts up."""
     place = CAR.codec.signals.commands["brake_front"]
     turned = replace(place, factor=-1e3, offset=2e6)
-    limit = _signal_limit("x", turned, (0.0, 1e6), (180e6, 60e6))
-    assert (limit.low, limit.high, limit.up, limit.down) == (1000, 2000, 600, 1800)
+    limit = _signal_limit("x", turned, (0.0, 2e6), (180e6, 60e6))
+    assert (limit.low, limit.high, limit.up, limit.down) == (0, 2000, 600, 1800)
     assert limit.apply(0.0, 1000) == 1600, "let go by 600 kPa"
     assert limit.apply(1e6, 2000) == 1000, "pressed by 1000 kPa"
     assert limit.value(1000) == pytest.approx(1e6)

@@ -19,5 +19,5 @@ def test_a_command_of_another_computer_counts_at_any_length(name: str) -> None:
     for length in range(9):
         builder = VehicleStateBuilder(CONFIG, Actuation(CONFIG.vehicle, CONFIG.powertrain))
         builder.take([Frame(layout.id, bytes(length), 1)], 1)
-        assert builder.foreign_commands(1)
+        assert builder.another("commands", 1)
         assert builder.counts.malformed == (length != layout.dlc)
