@@ -11,11 +11,11 @@ I. Nikiforov, Detection of Abrupt Changes, 1993, ch. 7).
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections import deque
+from operator import itemgetter
 from statistics import NormalDist
 from typing import NamedTuple
-
-import numpy as np
 
 from hil_gateway.car.car import Car
 from hil_gateway.config import OriginConfig
@@ -24,7 +24,6 @@ from hil_gateway.gateway.perceive.duration import UNSEEN_S, ConditionTime
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.observer.bank import CHANCE, GATE
-from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.geodesy import LocalMap
 
@@ -38,6 +37,10 @@ WINDOWS_S = (1.5, 3.0)
 of the longer one"""
 BOTH = NormalDist().inv_cdf(1.0 - math.sqrt(CHANCE))
 """deviations that each of two exceeds by chance as rarely as one does `GATE`"""
+
+
+Vector = tuple[float, float]
+"""east and north, in the map"""
 
 
 class _Line:
@@ -58,23 +61,45 @@ class _Line:
         while self._fixes[0][0] < t - LATEST_S - 2.0 * CHORD_S:
             self._fixes.popleft()
 
-    def at(self, t: float) -> tuple[Array, Array] | None:
+    def at(self, t: float) -> tuple[Vector, Vector] | None:
         """Place (m) and velocity (m/s) in the map at `t` (s); None where no fixes are near."""
-        times, x, y = zip(*self._fixes, strict=True) if self._fixes else ((), (), ())
-        if not times or t - CHORD_S < times[0] or t > times[-1] + OLDEST_S:
+        if not self._fixes or t - CHORD_S < self._fixes[0][0] or t > self._fixes[-1][0] + OLDEST_S:
             return None
-        later = min(t + CHORD_S, times[-1])
-        at = [later - 2.0 * CHORD_S, t, later]
-        before, place, after = np.array([np.interp(at, times, x), np.interp(at, times, y)]).T
-        return place, (after - before) / (2.0 * CHORD_S)
+        later = min(t + CHORD_S, self._fixes[-1][0])
+        (x0, y0), place, (x1, y1) = (self._place(time) for time in (later - 2.0 * CHORD_S, t, later))
+        return place, ((x1 - x0) / (2.0 * CHORD_S), (y1 - y0) / (2.0 * CHORD_S))
+
+    def _place(self, t: float) -> Vector:
+        """Between the two fixes around `t`, else at the first or the newest one."""
+        after = bisect_right(self._fixes, t, key=itemgetter(0))
+        (t0, x0, y0), (t1, x1, y1) = self._fixes[max(after - 1, 0)], self._fixes[min(after, len(self._fixes) - 1)]
+        share = (t - t0) / (t1 - t0) if t0 < t < t1 else 0.0
+        return x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+
+
+class _Spread(NamedTuple):
+    """Symmetrical matrix of two dimensions: a covariance, m2."""
+
+    xx: float
+    xy: float
+    yy: float
+
+    def along(self, x: float, y: float) -> float:
+        """Its quadratic form."""
+        return self.xx * x * x + 2.0 * self.xy * x * y + self.yy * y * y
+
+    def solve(self, x: float, y: float) -> Vector:
+        """What it makes (x, y) of."""
+        determinant = self.xx * self.yy - self.xy * self.xy
+        return (self.yy * x - self.xy * y) / determinant, (self.xx * y - self.xy * x) / determinant
 
 
 class _Known(NamedTuple):
     """What is known of an offset (m, east and north) at a time (s), and with what covariance."""
 
     t: float
-    offset: Array
-    covariance: Array
+    offset: Vector
+    spread: _Spread
 
 
 class _Receiver:
@@ -93,8 +118,10 @@ class _Receiver:
 
     def _begin(self) -> None:
         """Nothing is known of it."""
-        self._state: Array = np.array([0.0, 0.0, LATE_S[0]])
-        self._covariance: Array = np.diag([self._wander**2] * 2 + [LATE_S[1] ** 2])
+        self._offset, self._late_s = (0.0, 0.0), LATE_S[0]
+        self._spread = _Spread(self._wander**2, 0.0, self._wander**2)
+        self._with_late, self._late_variance = (0.0, 0.0), LATE_S[1] ** 2
+        """covariances of the offset with the lateness, m s, and its variance, s2"""
         self._kept.clear()
 
     def step(self, now_ns: int, builder: VehicleStateBuilder, line: _Line) -> bool:
@@ -109,43 +136,53 @@ class _Receiver:
         since_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / NS_PER_S
         self._stamp_ns = stamp_ns
         read = self._map.to_map_radians(builder.value(self._latitude), builder.value(self._longitude))
-        there = line.at(stamp_ns / NS_PER_S - float(self._state[2])) if read != self._read else None
+        there = line.at(stamp_ns / NS_PER_S - self._late_s) if read != self._read else None
         self._read = read
         if there is None:  # it hangs, or there are no fixes
             self._kept.clear()
             return False
-        self._compare(np.array(read), *there, since_s)
-        self._kept.append(_Known(stamp_ns / NS_PER_S, self._state[:2].copy(), self._covariance[:2, :2]))
+        self._compare(read, *there, since_s)
+        self._kept.append(_Known(stamp_ns / NS_PER_S, self._offset, self._spread))
         while self._kept[-1].t - self._kept[0].t > WINDOWS_S[-1]:
             self._kept.popleft()
         return True
 
-    def _compare(self, read: Array, place: Array, velocity: Array, since_s: float) -> None:
+    def _compare(self, read: Vector, place: Vector, velocity: Vector, since_s: float) -> None:
         """One step of the filter: a reading is where the fixes were `lateness` before, and `offset` beside it."""
-        self._covariance = self._covariance + since_s * np.diag([self._walk, self._walk, 0.0])
-        by = np.column_stack([np.eye(2), -velocity])
-        differs = read - place - self._state[:2]
-        spread = by @ self._covariance @ by.T + self._declared.noise**2 * np.eye(2)
-        if differs @ np.linalg.solve(spread, differs) > GATE**2:  # it has jumped
+        (xl, yl), ll, (vx, vy) = self._with_late, self._late_variance, velocity
+        grown = self._walk * since_s
+        xx, xy, yy = self._spread.xx + grown, self._spread.xy, self._spread.yy + grown
+        # covariances of offset and lateness with what is read, east and north
+        east = xx - vx * xl, xy - vx * yl, xl - vx * ll
+        north = xy - vy * xl, yy - vy * yl, yl - vy * ll
+        noise = self._declared.noise**2
+        spread = _Spread(east[0] - vx * east[2] + noise, north[0] - vx * north[2], north[1] - vy * north[2] + noise)
+        dx, dy = read[0] - place[0] - self._offset[0], read[1] - place[1] - self._offset[1]
+        weighed_x, weighed_y = spread.solve(dx, dy)
+        if dx * weighed_x + dy * weighed_y > GATE**2:  # it has jumped
             self._begin()
             return
-        gain = np.linalg.solve(spread, by @ self._covariance).T
-        self._state = self._state + gain @ differs
-        self._state[2] = min(max(self._state[2], 0.0), LATEST_S)
-        self._covariance = self._covariance - gain @ by @ self._covariance
+        by_x, by_y, by_late = ((e * weighed_x + n * weighed_y) for e, n in zip(east, north, strict=True))
+        self._offset = self._offset[0] + by_x, self._offset[1] + by_y
+        self._late_s = min(max(self._late_s + by_late, 0.0), LATEST_S)
+        gains = [spread.solve(e, n) for e, n in zip(east, north, strict=True)]
+        taken = [[gx * e + gy * n for e, n in zip(east, north, strict=True)] for gx, gy in gains]
+        self._spread = _Spread(xx - taken[0][0], xy - taken[0][1], yy - taken[1][1])
+        self._with_late, self._late_variance = (xl - taken[0][2], yl - taken[1][2]), ll - taken[2][2]
 
     @property
     def speaks(self) -> bool:
         """Whether its newest reading is fresh."""
         return bool(self._kept)
 
-    def moved(self, window_s: float) -> tuple[Array, Array]:
+    def moved(self, window_s: float) -> tuple[Vector, _Spread]:
         """How far the filter has moved the offset within a window, m, and with what covariance chance does that: by
         what has become more certain since then, and what the offset wanders."""
         now = self._kept[-1]
-        before = next(known for known in self._kept if now.t - known.t <= window_s)
-        chance = before.covariance - now.covariance + (now.t - before.t) * self._walk * np.eye(2)
-        return now.offset - before.offset, chance
+        before = self._kept[bisect_left(self._kept, -window_s, key=lambda known: known.t - now.t)]
+        wandered, was, spread = (now.t - before.t) * self._walk, before.spread, now.spread
+        chance = _Spread(was.xx - spread.xx + wandered, was.xy - spread.xy, was.yy - spread.yy + wandered)
+        return (now.offset[0] - before.offset[0], now.offset[1] - before.offset[1]), chance
 
 
 class OtherReceivers:
@@ -174,11 +211,13 @@ class OtherReceivers:
     def _judge(self, window_s: float) -> float:
         """Of the bound, what the one shows that has moved less the way of both."""
         both = [receiver.moved(window_s) for receiver in self._receivers]
-        way = both[0][0] + both[1][0]
-        if not way.any():
+        (one, _), (other, _) = both
+        x, y = one[0] + other[0], one[1] + other[1]
+        way = math.hypot(x, y)
+        if way == 0.0:
             return 0.0
-        ahead = way / np.hypot(*way)
-        variances = [float(ahead @ chance @ ahead) for _, chance in both]
+        variances = [chance.along(x / way, y / way) for _, chance in both]
         if min(variances) <= 0.0:  # a first reading has moved nothing
             return 0.0
-        return min(float(ahead @ both[i][0]) / math.sqrt(variance) for i, variance in enumerate(variances)) / BOTH
+        ahead = [(x * moved[0] + y * moved[1]) / way for moved, _ in both]
+        return min(a / math.sqrt(variance) for a, variance in zip(ahead, variances, strict=True)) / BOTH
