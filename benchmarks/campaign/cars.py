@@ -16,6 +16,7 @@ from benchmarks.campaign.run import Job
 from hil_gateway.config import load_config
 from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.model import first_mistake
 from hil_gateway.text_file import read_json
 from hil_gateway.track.loading import load_track
 from planner.simulation.loop import Loop
@@ -40,9 +41,7 @@ def read_cars(path: Path) -> Cars:
     try:
         cars = _CARS.validate_python(read_json(path, "cars"))
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {place} = {first['input']!r}: {first['msg'].lower()}") from None
+        raise InputError(f"{path}: {first_mistake(error)}") from None
     if not cars:
         raise InputError(f'{path} holds nothing; write {{"NAME": CAR, ...}}')
     for name, car in cars.items():

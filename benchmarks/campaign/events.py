@@ -21,6 +21,7 @@ from hil_gateway.config import load_config
 from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.events import Event
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.model import first_mistake
 from hil_gateway.text_file import read_json
 from hil_gateway.track.loading import load_track
 from planner.simulation.loop import Loop, LoopResult
@@ -46,9 +47,7 @@ def read_cases(path: Path) -> Cases:
     try:
         cases = _CASES.validate_python(read_json(path, "events"))
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {place} = {first['input']!r}: {first['msg'].lower()}") from None
+        raise InputError(f"{path}: {first_mistake(error)}") from None
     for name, events in {"the file": tuple(cases), **cases}.items():
         if not events:
             raise InputError(f'{path}: {name} holds nothing; write {{"NAME": [EVENT, ...]}}')

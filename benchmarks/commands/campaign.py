@@ -26,7 +26,7 @@ from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
 
 if TYPE_CHECKING:
-    from benchmarks.campaign.trial import Learnt, Trial
+    from benchmarks.campaign.trial import CampaignSettings, Learnt, Trial
 
 CRITERIA = get_args(PlannerConfig.model_fields["information_criterion"].annotation)
 app = typer.Typer(no_args_is_help=True, help="Long comparisons over seeds.")
@@ -68,31 +68,42 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     Resumable: interrupted, the same command goes on where it stopped.
     """
     from benchmarks.campaign.run import Machines, drive_all
-    from benchmarks.campaign.trial import KNOWN, CampaignSettings, Trial, job
+    from benchmarks.campaign.trial import job
     from hil_gateway.track.loading import load_track
 
     check_folder(out, RESULTS)
-    if criterion not in (None, *CRITERIA):
-        raise InputError(f"--criterion {criterion}: must be one of {', '.join(CRITERIA)}")
-    default = CampaignSettings()
-    settings = replace(
-        default, laps=laps, seconds=seconds, track=track,
-        information_weight=default.information_weight if weight is None else weight,
-        information_criterion=criterion or default.information_criterion,
-    )  # fmt: skip
-    length = load_track(track).length
-    cars, machines = range(first_seed, first_seed + seeds), Machines(processes, scheduler)
-    trials = [Trial(method, seed) for seed in cars for method in (KNOWN, *_methods(methods))]
+    settings = replace(_information(weight, criterion), laps=laps, seconds=seconds, track=track)
+    length, machines = load_track(track).length, Machines(processes, scheduler)
+    trials = _trials(range(first_seed, first_seed + seeds), _methods(methods))
     results = drive_all([job(trial, settings) for trial in trials], out, machines)
     after = [job(trial, settings, learnt) for trial, learnt in _afterwards(results, afterwards)]
-    proofs = drive_all(after, out, machines)
-    summary = _conclude(results, proofs, length, out)
+    summary = _conclude(results, drive_all(after, out, machines), length, out)
     if as_json:
         print_json(summary)
     else:
         _print(summary)
     if any(sum(m["violations"].values()) for m in summary["methods"].values()):
         raise SystemExit(EXIT_FAILURE)
+
+
+def _information(weight: float | None, criterion: str | None) -> CampaignSettings:
+    """How infomax weighs information, as given or by default."""
+    from benchmarks.campaign.trial import CampaignSettings
+
+    if criterion not in (None, *CRITERIA):
+        raise InputError(f"--criterion {criterion}: must be one of {', '.join(CRITERIA)}")
+    default = CampaignSettings()
+    return CampaignSettings(
+        information_weight=default.information_weight if weight is None else weight,
+        information_criterion=criterion or default.information_criterion,
+    )
+
+
+def _trials(cars: Sequence[int], methods: Sequence[str]) -> list[Trial]:
+    """Every car driven in every way."""
+    from benchmarks.campaign.trial import KNOWN, Trial
+
+    return [Trial(method, seed) for seed in cars for method in (KNOWN, *methods)]
 
 
 def _methods(text: str) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from hil_gateway.bus.messages import Command, FailsafeAction, GatewayStatus
 from hil_gateway.bus.topics import GATEWAY_STATUS
@@ -13,6 +14,7 @@ from hil_gateway.gateway.act.actor import Actor
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import IN_EMERGENCY, TABLE
 from hil_gateway.gateway.decide.race_control import missing_for_crank
+from hil_gateway.gateway.perceive.frame_counts import FrameCounts
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.processor_wait import LatelyLate, who_was_late
@@ -73,12 +75,7 @@ class Reporter:
             return None
         self._due_ns = situation.now_ns + GATEWAY_STATUS.period_ns
         self._seq += 1
-        counts, stats = builder.counts, link.stats()
-        missing, unready = decision.failsafe.missing(situation.conditions), situation.conditions.unready
-        before_crank = self._missing_for_crank(situation, decision)
-        remedies = {IN_EMERGENCY: "`hil gateway disarm`, then crank"}
-        remedies |= {} if before_crank else {"car_not_driving": "the engine is off: `hil gateway crank`"}
-        compiles = dict.fromkeys(OF_THE_PLANNER if inbox.planner_starts(situation.now_ns) else (), COMPILES)
+        missing, before_crank = decision.failsafe.missing(situation.conditions), self._before_crank(situation, decision)
         return GatewayStatus(
             stamp_ns=situation.now_ns,
             seq=self._seq - 1,
@@ -87,16 +84,10 @@ class Reporter:
             action=decision.action,
             cause=decision.cause,
             missing_for_arming=missing,
-            advice={**_of_who_speaks(situation, inbox), **unready, **remedies, **compiles} if missing else {},
+            advice=_advice(situation, inbox, crankable=not before_crank) if missing else {},
             missing_for_crank=before_crank,
             holding=decision.holding,
-            bus=link.kind,
-            bus_state=str(stats.bus_state),
-            frames_received=counts.received,
-            frames_lost=counts.lost + stats.lost,
-            frames_unknown=counts.unknown,
-            frames_malformed=counts.malformed + stats.malformed,
-            counter_errors=counts.counter_errors,
+            **_of_the_bus(link, builder.counts),
             commands_sent=actor.sent,
             commands_limited=actor.limited,
             loop_latency_p50_ms=self._latency_ms.quantile(0.5),
@@ -106,10 +97,32 @@ class Reporter:
             second_source=inbox.second_source,
         )
 
-    def _missing_for_crank(self, situation: Situation, decision: Decision) -> tuple[str, ...]:
+    def _before_crank(self, situation: Situation, decision: Decision) -> tuple[str, ...]:
         if self._mode != "armed":
             return ("mode_without_crank",)
         return missing_for_crank(decision.race_control.ct_state, situation.ladder)
+
+
+def _of_the_bus(link: CanLink, counts: FrameCounts) -> dict[str, Any]:
+    """What has come over it."""
+    stats = link.stats()
+    return {
+        "bus": link.kind,
+        "bus_state": str(stats.bus_state),
+        "frames_received": counts.received,
+        "frames_lost": counts.lost + stats.lost,
+        "frames_unknown": counts.unknown,
+        "frames_malformed": counts.malformed + stats.malformed,
+        "counter_errors": counts.counter_errors,
+    }
+
+
+def _advice(situation: Situation, inbox: Inbox, *, crankable: bool) -> dict[str, str]:
+    """What to do about what is missing for arming, where the table's words are not all."""
+    remedies = {IN_EMERGENCY: "`hil gateway disarm`, then crank"}
+    remedies |= {"car_not_driving": "the engine is off: `hil gateway crank`"} if crankable else {}
+    compiles = dict.fromkeys(OF_THE_PLANNER if inbox.planner_starts(situation.now_ns) else (), COMPILES)
+    return {**_of_who_speaks(situation, inbox), **situation.conditions.unready, **remedies, **compiles}
 
 
 def _of_who_speaks(situation: Situation, inbox: Inbox) -> dict[str, str]:

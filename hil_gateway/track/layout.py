@@ -46,7 +46,7 @@ from pydantic import Field, ValidationError
 
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
-from hil_gateway.process.model import Model
+from hil_gateway.process.model import Model, first_mistake
 from hil_gateway.text_file import read_toml
 from hil_gateway.track.pit_lane import LaneSurvey
 from hil_gateway.track.smoothing import Survey
@@ -110,9 +110,7 @@ def read_layout(path: Path) -> Survey:
     try:
         layout = Layout.model_validate(read_toml(path, "track description"))
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {key} = {first['input']!r}: {first['msg'].lower()}") from None
+        raise InputError(f"{path}: {first_mistake(error)}") from None
     for number, segment in enumerate(layout.segment, start=1):
         _check(path, number, segment)
     return _lay_out(path, layout)

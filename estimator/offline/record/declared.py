@@ -15,6 +15,7 @@ from estimator.offline.tyre_file import read_tyre_file
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.model import first_mistake
 from hil_gateway.text_file import read_json
 
 GYRATION = (0.1, 1.5)
@@ -43,9 +44,7 @@ def read_vehicle(path: Path | None, car: Car) -> Vehicle:
         given = Vehicle.model_validate({**car.vehicle.model_dump(), **data}, strict=True)
         vehicle = _in_proportion(given, data.keys(), car.vehicle)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {key} = {first['input']!r}: {first['msg'].lower()}") from None
+        raise InputError(f"{path}: {first_mistake(error)}") from None
     low, high = GYRATION
     if not low <= (share := math.sqrt(vehicle.yaw_inertia / vehicle.mass) / vehicle.wheelbase) <= high:
         raise InputError(

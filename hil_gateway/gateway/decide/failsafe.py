@@ -41,7 +41,6 @@ class Row:
     cause: str
     meaning: str
     """for people"""
-    measure: str
     threshold_s: float
     action: FailsafeAction
     clear: Clear
@@ -50,6 +49,13 @@ class Row:
     """what a person does about it, where the meaning does not say"""
     awaits: str = ""
     """process that is missing: to start it is the remedy"""
+    of: str = ""
+    """its measure, where that is not named as the cause"""
+
+    @property
+    def measure(self) -> str:
+        """What has to hold for the threshold."""
+        return self.of or self.cause
 
     @property
     def explanation(self) -> str:
@@ -67,19 +73,10 @@ COMMAND_AGE = "command_age"
 _STOP, _EMERGENCY = FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP
 
 TABLE: tuple[Row, ...] = (
-    Row(
-        "operator_emergency",
-        "an emergency was asked for",
-        "operator_emergency",
-        0.0,
-        _EMERGENCY,
-        Clear.DISARM,
-        WhileSilent.EMERGENCY,
-    ),
+    Row("operator_emergency", "an emergency was asked for", 0.0, _EMERGENCY, Clear.DISARM, WhileSilent.EMERGENCY),
     Row(
         "vehicle_flag_kill",
         "purple flag or e-kill from race control",
-        "vehicle_flag_kill",
         0.0,
         _EMERGENCY,
         Clear.DISARM,
@@ -88,7 +85,6 @@ TABLE: tuple[Row, ...] = (
     Row(
         "foreign_emergency",
         "another computer reports an emergency",
-        "foreign_emergency",
         0.0,
         _EMERGENCY,
         Clear.DISARM,
@@ -97,142 +93,55 @@ TABLE: tuple[Row, ...] = (
     Row(
         "uncommanded_motion",
         "the car drives although no commands are sent: it obeys old ones",
-        "uncommanded_motion",
         0.0,
         _EMERGENCY,
         Clear.DISARM,
         WhileSilent.EMERGENCY,
     ),
-    Row(
-        "car_emergency",
-        "the car reports an emergency",
-        "car_emergency",
-        0.0,
-        _EMERGENCY,
-        Clear.DISARM,
-        WhileSilent.BEYOND_INIT,
-    ),
-    Row("gateway_late", "the gateway missed its period", "gateway_gap", 0.1, _EMERGENCY, Clear.DISARM),
-    Row(
-        "command_dead",
-        "no planner sends commands",
-        COMMAND_AGE,
-        0.5,
-        _EMERGENCY,
-        Clear.REARM,
-        awaits="planner",
-    ),
-    Row("can_silent", "the car sends nothing", "can_silence", 0.1, _EMERGENCY, Clear.DISARM),
-    Row("steering_stuck", "the steering does not follow its command", "steering_stuck", 0.1, _EMERGENCY, Clear.DISARM),
-    Row(
-        "pedals_stuck",
-        "brakes or accelerator do not follow their command",
-        "pedals_stuck",
-        0.1,
-        _EMERGENCY,
-        Clear.DISARM,
-    ),
+    Row("car_emergency", "the car reports an emergency", 0.0, _EMERGENCY, Clear.DISARM, WhileSilent.BEYOND_INIT),
+    Row("gateway_late", "the gateway missed its period", 0.1, _EMERGENCY, Clear.DISARM, of="gateway_gap"),
+    Row("command_dead", "no planner sends commands", 0.5, _EMERGENCY, Clear.REARM, of=COMMAND_AGE, awaits="planner"),
+    Row("can_silent", "the car sends nothing", 0.1, _EMERGENCY, Clear.DISARM, of="can_silence"),
+    Row("steering_stuck", "the steering does not follow its command", 0.1, _EMERGENCY, Clear.DISARM),
+    Row("pedals_stuck", "brakes or accelerator do not follow their command", 0.1, _EMERGENCY, Clear.DISARM),
     Row(
         "commands_unanswered",
         "the car does not brake, or drives on, against its commands",
-        "commands_unanswered",
         0.15,
         _EMERGENCY,
         Clear.DISARM,
     ),
-    Row("operator_stop", "a stop was asked for", "operator_stop", 0.0, _STOP, Clear.REARM),
+    Row("operator_stop", "a stop was asked for", 0.0, _STOP, Clear.REARM),
     Row(
-        "gateway_ending",
-        "the gateway was asked to end while the car moves",
-        "gateway_ending",
-        0.0,
-        _STOP,
-        Clear.REARM,
-        awaits="gateway",
+        "gateway_ending", "the gateway was asked to end while the car moves", 0.0, _STOP, Clear.REARM, awaits="gateway"
     ),
-    Row("command_stale", "no fresh planner command", COMMAND_AGE, 0.1, _STOP, Clear.REARM, awaits="planner"),
+    Row("command_stale", "no fresh planner command", 0.1, _STOP, Clear.REARM, of=COMMAND_AGE, awaits="planner"),
+    Row("state_invalid", "a report needed for driving is missing or implausible", 0.05, _STOP, Clear.REARM),
+    Row("estimate_invalid", "no valid estimate", 0.05, _STOP, Clear.REARM, awaits="estimator"),
     Row(
-        "state_invalid",
-        "a report needed for driving is missing or implausible",
-        "state_invalid",
-        0.05,
-        _STOP,
-        Clear.REARM,
+        "heading_unknown", "where the car points is not known", 0.0, _STOP, Clear.REARM, remedy="push it forward by 3 m"
     ),
-    Row(
-        "estimate_invalid",
-        "no valid estimate",
-        "estimate_invalid",
-        0.05,
-        _STOP,
-        Clear.REARM,
-        awaits="estimator",
-    ),
-    Row(
-        "heading_unknown",
-        "where the car points is not known",
-        "heading_unknown",
-        0.0,
-        _STOP,
-        Clear.REARM,
-        remedy="push it forward by 3 m",
-    ),
-    Row("counters_wrong", "rolling counters jump", "counters_wrong", 0.0, _STOP, Clear.REARM),
-    Row("foreign_commands", "another computer commands the actuators", "foreign_commands", 0.0, _STOP, Clear.REARM),
-    Row("heartbeat_frozen", "race control's heartbeat stands still", "heartbeat_frozen", 0.5, _STOP, Clear.REARM),
-    Row("track_flag_stop", "red or checkered flag from race control", "track_flag_stop", 0.0, _STOP, Clear.REARM),
-    Row("vehicle_flag_stop", "black or stop flag from race control", "vehicle_flag_stop", 0.0, _STOP, Clear.REARM),
-    Row("car_not_driving", "the car does not say that it is driving", "car_not_driving", 0.0, _STOP, Clear.REARM),
-    Row(
-        "engine_running",
-        "the engine runs, and gateway.mode is actuator_test",
-        "engine_running",
-        0.0,
-        _STOP,
-        Clear.REARM,
-    ),
-    Row("car_failure", "the car reports a failure of its own", "car_failure", 0.0, _STOP, Clear.REARM),
-    Row("mode_switch_off", "the mode switch at the car is off", "mode_switch_off", 0.0, _STOP, Clear.REARM),
-    Row("safety_switch", "a safety switch at the car is set", "safety_switch", 0.0, _STOP, Clear.REARM),
-    Row("supply_low", "the battery is nearly empty: is it charged?", "supply_low", 1.0, _STOP, Clear.REARM),
-    Row("engine_stalled", "the engine has stopped", "engine_stalled", 0.3, _STOP, Clear.REARM),
-    Row("tyre_flat", "a tyre has lost half of its pressure", "tyre_flat", 0.3, _STOP, Clear.REARM),
-    Row("sender_doubled", "a report comes from two senders", "sender_doubled", 0.0, _STOP, Clear.REARM),
-    Row(
-        "position_wrong",
-        "position fixes do not fit the way the car has gone",
-        "position_wrong",
-        0.0,
-        _STOP,
-        Clear.REARM,
-    ),
-    Row(
-        "wheel_speed_wrong",
-        "wheel speeds do not fit each other, or neither fixes nor IMU",
-        "wheel_speed_wrong",
-        0.15,
-        _STOP,
-        Clear.REARM,
-    ),
-    Row(
-        "yaw_rate_wrong",
-        "the yaw rate does not fit wheels, steering and force",
-        "yaw_rate_wrong",
-        0.15,
-        _STOP,
-        Clear.REARM,
-    ),
-    Row(
-        "acceleration_wrong",
-        "the IMU does not fit wheel speeds and yaw rate",
-        "acceleration_wrong",
-        0.2,
-        _STOP,
-        Clear.REARM,
-    ),
-    Row("position_lost", "no position fixes", "position_lost", 1.0, _STOP, Clear.REARM),
-    Row("off_road", "the car is not on the track", "off_road", 0.05, _STOP, Clear.REARM),
-    Row("wrong_way", "the car points across the track or against it", "wrong_way", 0.2, _STOP, Clear.REARM),
+    Row("counters_wrong", "rolling counters jump", 0.0, _STOP, Clear.REARM),
+    Row("foreign_commands", "another computer commands the actuators", 0.0, _STOP, Clear.REARM),
+    Row("heartbeat_frozen", "race control's heartbeat stands still", 0.5, _STOP, Clear.REARM),
+    Row("track_flag_stop", "red or checkered flag from race control", 0.0, _STOP, Clear.REARM),
+    Row("vehicle_flag_stop", "black or stop flag from race control", 0.0, _STOP, Clear.REARM),
+    Row("car_not_driving", "the car does not say that it is driving", 0.0, _STOP, Clear.REARM),
+    Row("engine_running", "the engine runs, and gateway.mode is actuator_test", 0.0, _STOP, Clear.REARM),
+    Row("car_failure", "the car reports a failure of its own", 0.0, _STOP, Clear.REARM),
+    Row("mode_switch_off", "the mode switch at the car is off", 0.0, _STOP, Clear.REARM),
+    Row("safety_switch", "a safety switch at the car is set", 0.0, _STOP, Clear.REARM),
+    Row("supply_low", "the battery is nearly empty: is it charged?", 1.0, _STOP, Clear.REARM),
+    Row("engine_stalled", "the engine has stopped", 0.3, _STOP, Clear.REARM),
+    Row("tyre_flat", "a tyre has lost half of its pressure", 0.3, _STOP, Clear.REARM),
+    Row("sender_doubled", "a report comes from two senders", 0.0, _STOP, Clear.REARM),
+    Row("position_wrong", "position fixes do not fit the way the car has gone", 0.0, _STOP, Clear.REARM),
+    Row("wheel_speed_wrong", "wheel speeds do not fit each other, or neither fixes nor IMU", 0.15, _STOP, Clear.REARM),
+    Row("yaw_rate_wrong", "the yaw rate does not fit wheels, steering and force", 0.15, _STOP, Clear.REARM),
+    Row("acceleration_wrong", "the IMU does not fit wheel speeds and yaw rate", 0.2, _STOP, Clear.REARM),
+    Row("position_lost", "no position fixes", 1.0, _STOP, Clear.REARM),
+    Row("off_road", "the car is not on the track", 0.05, _STOP, Clear.REARM),
+    Row("wrong_way", "the car points across the track or against it", 0.2, _STOP, Clear.REARM),
 )
 """In order of priority: the first row that fires with the strongest action names the cause."""
 
