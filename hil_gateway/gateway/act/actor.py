@@ -64,6 +64,8 @@ class Actor:
         self._testing = config.gateway.mode == "actuator_test"
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
         self._mass_per_force = config.vehicle.mass / config.powertrain.force_per_drive
+        self._full_brakes = config.powertrain.hardest_braking / config.powertrain.force_per_drive
+        """slip-ratio drive command"""
         self._found = Found(False, False, False, False, config.gateway.caution_speed)
         self._drag_force = partial(config.powertrain.drag_force, wheel_radius=config.vehicle.wheel_radius)
         self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
@@ -163,8 +165,7 @@ class Actor:
         held = not steers and self._stuck.stands
         steer, drive = self.stopping.command(motion, pose, emergency, not held, brakes=cause not in UNBRAKED)
         if not steers:
-            sliding = self._stuck.deceleration(motion, pose)
-            drive = drive if sliding is None else -self._mass_per_force * sliding
+            drive = -self._full_brakes if self._stuck.locks(motion, pose) else drive
         return (-steer if self._found.steering_reversed else steer), drive
 
     def _paced(self, drive: float, speed: float, decision: Decision) -> float:

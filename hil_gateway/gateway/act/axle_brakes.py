@@ -25,11 +25,10 @@ from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.positions.fixes import MOVING
 from hil_gateway.settings.gateway import LEAST_SHARE, PERIOD_S, beside
 
-REAR_SHARE = 0.8
-"""of the declared grip the rear tyres are reckoned with: tyres differ by a fifth"""
-FRONT_SHARE = 0.9
-"""of what they leave beside the lateral force the front tyres brake with at most where the rear brakes are weak: with
-all of it they do not turn the car"""
+SURE_SHARE = 0.8
+"""of the declared grip that an axle is sure to have: tyres differ by a fifth. The rear tyres are reckoned with it, and
+the front ones where they brake for weak rear brakes: with all of what is left beside the lateral force they do not turn
+the car"""
 SLIPS = (0.08, 0.06)
 """slip of the faster wheel, front and rear, beyond which an axle is let go: racing tyres give most at 0.1, and without
 lateral force"""
@@ -120,7 +119,7 @@ class AxleBrakes:
         more = 0.0 if demand.flat_front else front_most / self._per_pa
         front = min(total - rear, max(wanted.brake_front, more), self._most)
         if self._answers[1] <= ANSWERS:
-            front = min(front, FRONT_SHARE * front_most / self._per_pa)
+            front = min(front, SURE_SHARE * front_most / self._per_pa)
         return front, rear
 
     def _bears(self, speed: float, braking: float, demand: AxleDemand) -> tuple[float, float]:
@@ -128,7 +127,7 @@ class AxleBrakes:
         car, grip = self._vehicle, self._grip
         pressed, moved = 0.5 * car.air_density * speed**2, braking * car.cg_height / car.wheelbase
         front = grip * (car.static_load_front - car.lift_area_front * pressed + moved)
-        share = 1.0 if self._weak else REAR_SHARE
+        share = 1.0 if self._weak else SURE_SHARE
         rear = share * grip * (car.static_load_rear - car.lift_area_rear * pressed - moved)
         across = demand.lateral / GRAVITY
         left_front, left_rear = (

@@ -1,9 +1,9 @@
 """The way a stop takes: from where the car is along the track, with the least lateral force, inside the road.
 
 In track coordinates the way is its lateral offset e over arc length s; its curvature is about k + e'' with the track's
-k. Least squares over a grid: the lateral force (v^2 (k + e''))^2, where the speed v falls as the stop brakes; its
-change with time, squared; the excess over a corridor that ends inside the road, squared; and e^2, a slight pull towards
-the middle. A plan is no way to stop on: a racing line runs along the very edge.
+k. Least squares over a grid: the lateral force (v^2 (k + e''))^2, where the speed v falls as the stop brakes, but not
+below the slowest that is judged; its change with time, squared; the excess over a corridor that ends inside the road,
+squared; and e^2, a slight pull towards the middle. A plan is no way to stop on: a racing line runs along the very edge.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.monitors.road import NEAR
+from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track, TrackPoint
 
@@ -32,16 +34,10 @@ OUTSIDE = 400.0
 """weight of 1 m outside of the corridor, (m/s2)^2: as much as 20 m/s2 of lateral acceleration"""
 MIDDLE = 0.5
 """weight of 1 m off the middle, (m/s2)^2: 5 m count as 3.5 m/s2"""
-SLOWEST = 12.0
-"""m/s: the way is smooth where the car is slower, too"""
 BEYOND = 60.0
 """m the way is longer than braking as configured takes: bends leave less for braking"""
-LOST = 30.0
-"""m off the centre line: farther away the track is not used"""
 STEEPEST = 0.5
 """slope of the way against the track at its beginning, at most: more is a wrong heading"""
-BEND_POINTS = 5
-"""points over which the curvature of a plan is averaged"""
 GIVEN = 3
 """points at the beginning of a way that are given: place, direction and curvature of the car's course"""
 SMOOTH_S = 0.3
@@ -79,10 +75,9 @@ class Path:
         return float(np.hypot(self.x[:-1] + share * dx - x, self.y[:-1] + share * dy - y).min())
 
     def curvature(self) -> Array:
-        """At every point, positive to the left, averaged over `BEND_POINTS`, 1/m."""
+        """At every point, positive to the left, 1/m."""
         heading = np.unwrap(np.arctan2(np.gradient(self.y, self.s), np.gradient(self.x, self.s)))
-        average = np.ones(BEND_POINTS) / BEND_POINTS
-        return np.asarray(np.convolve(np.gradient(heading, self.s), average, mode="same")[: len(self.s)])
+        return np.asarray(np.gradient(heading, self.s))
 
 
 def polyline(points: Array) -> Path:
@@ -96,7 +91,7 @@ def way_along(
     """Way of a stop with `deceleration` (m/s2) from `pose`, where the car turns with `turn_rate` (rad/s), in the end
     with its wheels, `half_width` (m) beside its middle, `clear` (m) of the edges; None far from the track."""
     s0, offset = track.project(pose.x, pose.y)
-    if not abs(offset) < LOST:
+    if not abs(offset) < NEAR:
         return None
     count = math.ceil((pose.speed**2 / (2 * deceleration) + BEYOND) / STEP)
     s: Array = s0 + STEP * np.arange(1.0 - GIVEN, count)

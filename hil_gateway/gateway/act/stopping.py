@@ -16,16 +16,15 @@ import numpy as np
 
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, way_along
+from hil_gateway.gateway.perceive.course import COURSE_WINDOW
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
+from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, MOST_GRIP, Motion
 from hil_gateway.process.arrays import Array
-from hil_gateway.settings.gateway import StopConfig, beside
+from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
 from hil_gateway.track.track import Track
 
 LOOK_AHEAD_S = 0.4
 """the longer, the wider a car that understeers swings out at 60 m/s; at 0.3 it begins to weave"""
-LATE_HEADING_S = 0.2
-"""added to it without a gyro: by so much the heading of fixes is late"""
 LOOK_AHEAD_MIN = 6.0
 """m"""
 YAW_RATE_GAIN = 0.04
@@ -41,8 +40,6 @@ FAR_FROM_WAY = 1.5
 """m off its way at which a stop gets a new one: the tyres have not held, or the pose was wrong"""
 ROLLS_OUT = 55.0
 """m/s whose drag slows down a car without brakes; a slower one leaves its way a little to the inside"""
-BEYOND_GRIP = 1.5
-"""of the declared grip: more than any tyres hold"""
 BEND_SHARE = 0.7
 """of the declared grip a bend ahead may need: the rest steers back to the path and brakes on in the bend"""
 
@@ -120,7 +117,7 @@ class Stopping:
     def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:
         rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)
         rear_y = pose.y - self._vehicle.lr * math.sin(pose.yaw)
-        late_s = 0.0 if motion.by_gyro else LATE_HEADING_S
+        late_s = 0.0 if motion.by_gyro else 0.5 * COURSE_WINDOW * PERIOD_S  # as the heading of fixes is
         look_ahead = max(LOOK_AHEAD_MIN, (LOOK_AHEAD_S + late_s) * pose.speed)
         x, y = path.ahead(rear_x, rear_y, look_ahead)
         bend = float(self._curvature[path.nearest(rear_x, rear_y)])
@@ -137,7 +134,7 @@ class Stopping:
 
     def _within_grip(self, curvature: float, speed: float) -> float:
         """As much of it as any tyres hold: more steering turns no car in, and none that slides out."""
-        most = BEYOND_GRIP * self._config.grip(self._vehicle, speed) / max(speed, 1.0) ** 2
+        most = MOST_GRIP * self._vehicle.pressed(speed) / max(speed, 1.0) ** 2
         return min(max(curvature, -most), most)
 
     def _rear_slip(self, motion: Motion, curvature: float) -> float:

@@ -42,7 +42,7 @@ class Follows:
 
 
 @dataclass(frozen=True, slots=True)
-class _Steering:
+class SteeringReports:
     """What reports of the steering may differ by: angles at the motor, rad; periods."""
 
     ratio: float
@@ -55,17 +55,17 @@ class _Steering:
     window: int
 
 
-def _steering(car: Car) -> _Steering:
+def steering_reports(car: Car) -> SteeringReports:
     noise, offset, late = car.sensors.steering_noise, car.std("sensors.steering_offset"), periods_late(car)
     asked = APART * noise
     apart = offset + asked + noise
-    return _Steering(car.vehicle.steering_ratio, noise, asked, apart, late, ANSWER * late, WINDOW * late)
+    return SteeringReports(car.vehicle.steering_ratio, noise, asked, apart, late, ANSWER * late, WINDOW * late)
 
 
 class _StandingSteering:
     """Steering that has not moved since some moment, although its commands from then on asked it to."""
 
-    def __init__(self, steering: _Steering) -> None:
+    def __init__(self, steering: SteeringReports) -> None:
         self._steering = steering
         self._low = self._high = math.nan
         self._unanswered: deque[float] = deque()
@@ -94,7 +94,7 @@ class FollowingMonitor:
     """Reported positions within the commands of a window; reports that are invalid say nothing of actuators."""
 
     def __init__(self, car: Car) -> None:
-        self._of = _steering(car)
+        self._of = steering_reports(car)
         self._brakes = PEDALS * car.powertrain.brake_pressure_max
         self._commands: deque[ActuatorPositions] = deque(maxlen=self._of.window)
         self._standing = _StandingSteering(self._of)
@@ -149,7 +149,7 @@ class ReversedMonitor:
     """
 
     def __init__(self, car: Car) -> None:
-        self._vehicle, self._of = car.vehicle, _steering(car)
+        self._vehicle, self._of = car.vehicle, steering_reports(car)
         self._reported: deque[float] = deque(maxlen=self._of.window)
         self._asked: deque[float] = deque(maxlen=self._of.window)
         self.found = False
@@ -188,7 +188,7 @@ class AccelerationMonitor:
 
     def __init__(self, car: Car) -> None:
         self._per_pa = car.powertrain.brake_force_per_pa / car.vehicle.mass
-        self._window = _steering(car).window
+        self._window = steering_reports(car).window
         self._commands: deque[ActuatorPositions] = deque(maxlen=self._window)
         self._held = ConditionTime()
 

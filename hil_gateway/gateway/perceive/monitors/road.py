@@ -11,8 +11,8 @@ from hil_gateway.track.track import Track
 
 BEYOND = 0.5
 """m a wheel may be over the edge: error of the position and of the map"""
-NEAR = 60.0
-"""m: nearer, the last arc length finds the next one"""
+NEAR = 30.0
+"""m off the centre line: nearer, the last arc length finds the next one; further off, no way leads back"""
 ACROSS = math.radians(60.0)
 """between the directions of track and car: neither of a car that follows it nor of a slide it recovers from"""
 
