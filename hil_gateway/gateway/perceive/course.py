@@ -24,9 +24,8 @@ COURSE_WINDOW = 38
 """periods of the gateway: the time the fixes behind a course span, and half a fix"""
 OLDEST_S = CONTRADICTED_S + SILENT_S
 """age of the newest fix beyond which the course is no longer known: two fixes were lost"""
-WEAVES_M, DEVIATIONS = 0.15, 7.5
-"""of a car that weaves from a parabola, and of what fixes scatter beside it in standard deviations: further apart,
-fixes are wrong"""
+WEAVES_M = 0.2
+"""of a car that weaves from a parabola, beside what fixes scatter"""
 DOUBTED = 1.0 / 3.0
 """of that, root mean square, beyond which fixes say no course"""
 LATERAL = 7.0
@@ -52,7 +51,7 @@ class Course(NamedTuple):
 
 def apart_at_most(noise: float) -> float:
     """Of a fix with so much noise from where it is expected, m."""
-    return WEAVES_M + DEVIATIONS * noise
+    return WEAVES_M + GATE * noise
 
 
 class CourseReader:

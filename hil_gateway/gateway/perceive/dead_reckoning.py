@@ -22,9 +22,6 @@ FIX_GAIN = 0.3
 """share of its distance to a fix by which the pose moves: at 20 fixes a second, 1 m/s of drift stay below 0.2 m.
 Without a gyro the heading turns by that share of the angle to it: 0.02 m of noise on 1 m are 6 mrad"""
 
-SHORTEST_M = 0.5
-"""way between fixes from which their direction says something"""
-
 
 class Pose(NamedTuple):
     """Centre of gravity in the map, m and rad, and speed over ground, m/s."""
@@ -112,7 +109,7 @@ class DeadReckoning:
         self._fix_seq = state.position_seq
         x, y, drifts = state.position_x, state.position_y, not motion.by_gyro
         across = FIX_GAIN * pose.offset(x, y)[1]
-        turned = math.atan2(across, self._blind_m) if drifts and self._blind_m >= SHORTEST_M else 0.0
+        turned = math.atan2(across, self._blind_m) if drifts and pose.speed > SLOWEST else 0.0
         self._blind_m = 0.0
         x, y = pose.x + FIX_GAIN * (x - pose.x), pose.y + FIX_GAIN * (y - pose.y)
         return pose._replace(x=x, y=y, yaw=pose.yaw + turned)

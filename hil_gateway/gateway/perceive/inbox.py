@@ -18,14 +18,12 @@ from hil_gateway.process.clock import NS_PER_S
 ESTIMATE_MAX_S = 0.1
 """An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
 gateway or the estimator was held up does not pass for new."""
-COMMAND_QUEUE = 16
-NAVIGATION_QUEUE = 64
-"""messages of receivers in a period: 20 come of four that send 500 a second each"""
-OPERATOR_QUEUE = 1024
-"""Requests of a period that are all looked at: a flood of others does not displace the one to stop."""
-STARTS_REMEMBERED = 4096
-"""Requests to arm and to crank that are known again when they are delivered twice: a person makes some dozens a day.
-Beyond that the gateway has to be restarted to be armed; none is ever forgotten and taken again."""
+QUEUE = 64
+"""messages of other processes in a period: 20 come of four receivers that send 500 a second each"""
+REQUESTS_KEPT = 4096
+"""Requests of a period that are all looked at: a flood of others does not displace the one to stop. So many to arm and
+to crank are known again when they are delivered twice: a person makes some dozens a day. Beyond that the gateway has to
+be restarted to be armed; none is ever forgotten and taken again."""
 
 
 class NewestEstimate(Latest[Estimate]):
@@ -42,12 +40,12 @@ class Inbox:
     def __init__(self, bus: Bus, latency_max_s: float) -> None:
         """`latency_max_s`: commands about older states are not taken."""
         self._commands = [
-            (bus.subscribe(topic, depth=COMMAND_QUEUE), topic is topics.JOYSTICK_COMMAND)
+            (bus.subscribe(topic, depth=QUEUE), topic is topics.JOYSTICK_COMMAND)
             for topic in (topics.COMMAND, topics.ROS2_COMMAND, topics.JOYSTICK_COMMAND)
         ]
         """and whether a person gives them"""
-        self._operator = bus.subscribe(topics.OPERATOR, depth=OPERATOR_QUEUE)
-        self._navigation = bus.subscribe(topics.NAVIGATION, depth=NAVIGATION_QUEUE)
+        self._operator = bus.subscribe(topics.OPERATOR, depth=REQUESTS_KEPT)
+        self._navigation = bus.subscribe(topics.NAVIGATION, depth=QUEUE)
         self._plan = LatestReader(bus, topics.PLAN)
         self._estimates = bus.subscribe(topics.ESTIMATE)
         self.estimate = NewestEstimate(topics.ESTIMATE.deadline_s)
@@ -115,7 +113,7 @@ class Inbox:
         if not REQUESTS[request.action].once:
             return True
         identity = (request.action, request.source, request.seq, request.stamp_ns)
-        known = identity in self._starts_seen or len(self._starts_seen) >= STARTS_REMEMBERED
+        known = identity in self._starts_seen or len(self._starts_seen) >= REQUESTS_KEPT
         if not known:
             self._starts_seen.add(identity)
         return not known

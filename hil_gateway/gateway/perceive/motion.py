@@ -28,16 +28,12 @@ UNDERSTEER_MOST = 2.0 * UNDERSTEER
 the front tyres are a quarter better than the rear ones under the brakes"""
 BRAKED_UNDERSTEER = 0.5
 """of the understeer is left under the brakes: they load the front axle, and it was learnt mostly under power"""
-BRAKED = 3.0
-"""m/s2 by the brakes above which the load that they shift shows"""
+BRAKED = 5.0
+"""m/s2 by the brakes above which the car shows that it brakes: it slows down, and its load shifts"""
 SHORTEST_SHARE = 0.4
 """of the wheelbase at least that a car turns as if it had: one that oversteers more is not steady"""
-POWERED = 0.02
-"""slip-ratio drive command from which the engine may spin the driven wheels"""
 SPIN_LEAST = 0.6
 """front over rear wheels' speed: driven wheels do not spin by more than two thirds; less is a dead front sensor"""
-LEAST_AHEAD = 0.8
-"""front over rear axle's speed: with 0.3 rad of steering 0.96 and more; less is a wrong yaw rate"""
 
 
 def periods_late(car: Car) -> int:
@@ -110,6 +106,8 @@ class MotionReader:
         self._lately, self._under_brakes = FadingRatio(LEARNT, UNDERSTEER, 1.0), FadingRatio(LEARNT)
         self._taught: deque[_Taught] = deque([self._teaches()], maxlen=round(RENEWED_S / PERIOD_S))
         """of the last periods with an IMU, as long as one that the observer finds wrong may have taught wrongly"""
+        self._least_ahead = math.cos(car.actuators.steering_range)
+        """front over rear axle's speed of a car that does not spin; less is a wrong yaw rate"""
         self._steered = 0.0
         """yaw rate that the steering comes to by now, rad/s"""
         self._last_ns: int | None = None
@@ -257,7 +255,7 @@ class MotionReader:
         ahead = math.cos(state.steer)
         if self.motion.speed > SLOWEST:
             ahead += car.wheelbase * turn * math.sin(state.steer) / self.motion.speed
-        ahead = max(ahead, LEAST_AHEAD)
+        ahead = max(ahead, self._least_ahead)
         fl, fr, rl, rr = wheel_speeds(state)
         return max(_not_spinning((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear), state.drive), 0.0)
 
@@ -275,4 +273,4 @@ def second_fastest(state: VehicleState) -> float:
 def _not_spinning(speeds: tuple[float, float, float, float], drive: float) -> float:
     """Second fastest of the speeds (fl, fr, rl, rr), m/s; under power both driven wheels may be faster than the car."""
     second, front = sorted(speeds)[-2], max(speeds[:2])
-    return front if drive > POWERED and SPIN_LEAST * second < front < second else second
+    return front if drive > 0.0 and SPIN_LEAST * second < front < second else second

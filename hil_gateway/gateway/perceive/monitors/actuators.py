@@ -12,20 +12,16 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
-from hil_gateway.gateway.perceive.motion import periods_late
+from hil_gateway.gateway.perceive.motion import BRAKED, periods_late
+from hil_gateway.observer.bank import GATE
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
 
 ANSWER, WINDOW = 2, 4
 """times delay, lag and report of the steering within which it need not have answered yet; and of whose commands one
 has been reached: five time constants"""
-APART = 5.0
-"""standard deviations of the steering's reports by which a command must change until steering that works has moved;
-with the offset of its sensor, how far it may be off: play, overshoot"""
 PEDALS = 0.12
 """of the full accelerator, and of the full pressure of a brake: scatter of pads and lines"""
-BRAKING = 5.0
-"""m/s2 of commanded braking from which the car must slow down"""
 BRAKED_SHARE = 0.3
 """of what was commanded: cars with hot brakes, wet tyres and an unequal balance do better"""
 PUSHED = 1.2
@@ -49,7 +45,9 @@ class SteeringReports:
     still: float
     """within which a sensor stays that does not move"""
     asked: float
+    """by which a command must change until steering that works has moved: play, overshoot"""
     apart: float
+    """how far it may be off with the offset of its sensor"""
     late: int
     answer: int
     window: int
@@ -57,7 +55,7 @@ class SteeringReports:
 
 def steering_reports(car: Car) -> SteeringReports:
     noise, offset, late = car.sensors.steering_noise, car.std("sensors.steering_offset"), periods_late(car)
-    asked = APART * noise
+    asked = GATE * noise
     apart = offset + asked + noise
     return SteeringReports(car.vehicle.steering_ratio, noise, asked, apart, late, ANSWER * late, WINDOW * late)
 
@@ -204,10 +202,10 @@ class AccelerationMonitor:
         return self._held.update(pushed or self._unbraked(state.ax), now_ns)
 
     def _unbraked(self, ax: float) -> bool:
-        if not self._braking(self._commands[-1]) > BRAKING:
+        if not self._braking(self._commands[-1]) > BRAKED:
             return False
         braking = min(map(self._braking, self._commands))
-        return braking > BRAKING and ax > -BRAKED_SHARE * min(braking, 2 * BRAKING)
+        return braking > BRAKED and ax > -BRAKED_SHARE * min(braking, 2 * BRAKED)
 
     def _braking(self, command: ActuatorPositions) -> float:
         """Deceleration that is commanded, m/s2."""

@@ -16,7 +16,7 @@ from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, SILENT_S, Comp
 from hil_gateway.gateway.perceive.inbox import usable
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
-from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
+from hil_gateway.gateway.perceive.monitors.position import SHARE, PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import INNER, Braked
 from hil_gateway.gateway.perceive.motion import Judged, MotionReader, second_fastest
@@ -24,8 +24,6 @@ from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.observer.observer import Observer
 from hil_gateway.track.track import Track
 
-SPEED_SHARE = 0.14
-"""of the speed by the fixes: slip of all wheels, unequal rolling radii, lag of the fixes"""
 STEERS = (SysState.DRIVING, SysState.EMERGENCY)
 """in which the car follows steering commands"""
 
@@ -151,7 +149,7 @@ class Monitors:
         changes = self._speed.update(observer.speed_off if both else 0.0, now_ns)
         apart = 0.0
         if both and fixes is not None:
-            apart = abs(second_fastest(state) - fixes.speed) / (SPEED_SHARE * fixes.speed)
+            apart = abs(second_fastest(state) - fixes.speed) / (SHARE * fixes.speed)
         by_fixes = self._by_fixes.update(apart, now_ns)
         self.position.contradicted(self._turn.update(self.motion.contradicts(fixes if both else None), now_ns))
         slipping = min(changes, by_fixes) > 0.0 and braked < 1.0

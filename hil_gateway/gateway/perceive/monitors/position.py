@@ -21,12 +21,10 @@ from hil_gateway.gateway.perceive.positions.fixes import MOVING
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, rests, road_speed
 from hil_gateway.process.clock import NS_PER_S
 
-ACROSS = 0.08
-"""of the way: side slip of 0.08 rad beyond what goes with the lateral force, in a slide"""
-ALONG = 0.06
-"""of the way: slip of the wheels when driven or braked hard"""
+SLIPS = 0.06
+"""of the way: side slip beyond what goes with the lateral force; slip of wheels that are driven or braked hard"""
 SHARE = 0.12
-"""of the way that fixes may lead aside or ahead on average: slides (0.08) and unequal rolling radii (0.05)"""
+"""of the way, or of the speed, that fixes may differ by on average: slides (0.08), unequal rolling radii (0.05)"""
 AVERAGED = 0.1
 """weight of a fix in that average: half a second"""
 WRONG = 4.0
@@ -122,7 +120,7 @@ class PositionMonitor:
         self._way_m += speed * dt
         if not came:
             return
-        agrees = math.dist(fix, self._place) <= self._tolerance + (1.0 + ALONG) * self._way_m + JITTER_S * speed
+        agrees = math.dist(fix, self._place) <= self._tolerance + (1.0 + SLIPS) * self._way_m + JITTER_S * speed
         self._count(agrees)
         if agrees or self._level >= WRONG:  # from where they are now they may go on with the car
             self._place, self._way_m = fix, 0.0
@@ -143,7 +141,7 @@ class PositionMonitor:
         self._count(agrees)
         if not agrees:
             return
-        most = self._tolerance + ALONG * self._way_m
+        most = self._tolerance + SLIPS * self._way_m
         late = along - max(-most, min(along, most))  # not from there: the next fix, in time, would lead too far
         place = reference._replace(x=x, y=y).onward(-late, 0.0)
         self._reference, self._way_m = place._replace(yaw=course) if self._level <= 0.0 else place, 0.0
@@ -154,10 +152,10 @@ class PositionMonitor:
         self._note(self._level >= WRONG, "they leave the way by wheels and gyro")
 
     def _agrees(self, along: float, across: float, speed: float) -> bool:
-        longest = self._tolerance + ALONG * self._way_m + JITTER_S * speed
+        longest = self._tolerance + SLIPS * self._way_m + JITTER_S * speed
         if self._way_m > self._tolerance:
             self._aside += AVERAGED * (max(-1.0, min(across / self._way_m, 1.0)) - self._aside)
             self._ahead += AVERAGED * (max(-1.0, min(along / self._way_m, 1.0)) - self._ahead)
         if max(abs(self._aside), abs(self._ahead)) > SHARE:
             return False
-        return abs(along) <= longest and abs(across) <= self._tolerance + ACROSS * self._way_m
+        return abs(along) <= longest and abs(across) <= self._tolerance + SLIPS * self._way_m

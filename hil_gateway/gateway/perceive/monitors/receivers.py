@@ -20,18 +20,17 @@ from typing import NamedTuple
 from hil_gateway.car.car import Car
 from hil_gateway.config import OriginConfig
 from hil_gateway.gateway.perceive.course import OLDEST_S
-from hil_gateway.gateway.perceive.duration import UNSEEN_S, ConditionTime
+from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, UNSEEN_S, ConditionTime
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.observer.bank import CHANCE, GATE
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.geodesy import LocalMap
 
-LATE_S = (0.2, 0.3)
-"""lateness before anything is learnt, and its standard deviation"""
 LATEST_S = 1.0
-"""lateness at most, and chord of the fixes: 0.1 s to either side of a time"""
-CHORD_S = 0.1
+"""lateness at most"""
+CHORD_S = CONTRADICTED_S
+"""to either side of a time, over which the fixes tell the velocity"""
 WINDOWS_S = (1.5, 3.0)
 """over which the offsets' movement is judged: a drift of 0.5 m/s exceeds the bound of the shorter one, slower ones that
 of the longer one"""
@@ -109,6 +108,7 @@ class _Receiver:
         self._source, self._map, self._declared = f"receiver.{name}", local_map, car.receivers[name]
         self._latitude, self._longitude = (f"{self._source}.{name}" for name in ("latitude", "longitude"))
         self._wander = self._declared.wander + car.std(f"receiver.{name}.wander")
+        self._late = self._declared.delay, car.std(f"receiver.{name}.delay")
         self._walk = 2.0 * self._wander**2 / self._declared.wander_time
         """m2 that the variance of the offset grows a second, of a receiver that is a deviation worse than declared"""
         self._stamp_ns: int | None = None
@@ -118,9 +118,9 @@ class _Receiver:
 
     def _begin(self) -> None:
         """Nothing is known of it."""
-        self._offset, self._late_s = (0.0, 0.0), LATE_S[0]
+        self._offset, self._late_s = (0.0, 0.0), self._late[0]
         self._spread = _Spread(self._wander**2, 0.0, self._wander**2)
-        self._with_late, self._late_variance = (0.0, 0.0), LATE_S[1] ** 2
+        self._with_late, self._late_variance = (0.0, 0.0), self._late[1] ** 2
         """covariances of the offset with the lateness, m s, and its variance, s2"""
         self._kept.clear()
 
