@@ -13,6 +13,7 @@ import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 from hil_gateway.bus.messages import Heading, SourceHealth
@@ -21,19 +22,14 @@ from hil_gateway.bus.topics import NAVIGATION
 from hil_gateway.car.car import Receiver
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, UNSEEN_S
+from hil_gateway.observer.bank import GATE
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_S
 
 OLDEST_NS = round(UNSEEN_S * NS_PER_S)
-"""of a fix that is brought up: a race car changes its speed by 10 m/s in it"""
-VELOCITY_NS = NS_PER_S // 5
-"""between a fix and the velocity that goes with it"""
-SAME_NS = NS_PER_S // 200
-"""between a fix and a velocity that are of one time; more, at speed, is decimetres"""
+"""of a fix that is brought up, and between it and its velocity: a race car changes its speed by 10 m/s in it"""
 WALKING = 2.0
 """m/s from which the course of an antenna says where the car points, where no heading does"""
-CARRIED_M = 0.1
-"""deviation up to which a place goes on without a fix, m: the state filter takes the next fix all the same"""
 MISSING_NS = round(CONTRADICTED_S * NS_PER_S)
 """since the last fix: two of them are missing"""
 POINTING = ("INSPVAX", "INSPVAS", "HEADING2", "DUALANTENNAHEADING", "HDT")
@@ -49,6 +45,13 @@ class _Period:
     stamp_ns: int
     turned: float
     gained: float
+
+
+class _Said(NamedTuple):
+    """Velocity of a receiver's point, and of when it is."""
+
+    stamp_ns: int
+    velocity: Velocity
 
 
 class Motion:
@@ -71,13 +74,13 @@ class Motion:
         """By how much the car has turned, rad."""
         return self._periods[-1].turned - self._at(then_ns).turned
 
-    def way_since(self, then_ns: int, velocity: Velocity, at_ns: int) -> tuple[float, float] | None:
-        """Way from `then_ns` to the newest state, m in the map, of a point that had `velocity` at `at_ns`; None where
-        that is longer ago than is kept."""
-        periods = self._periods
-        if not periods or min(then_ns, at_ns) < periods[0].stamp_ns:
+    def way_since(self, then_ns: int, said: _Said) -> tuple[float, float] | None:
+        """Way from `then_ns` to the newest state, m in the map, of a point of which that was `said`; None where that is
+        longer ago than is kept."""
+        periods, velocity = self._periods, said.velocity
+        if not periods or min(then_ns, said.stamp_ns) < periods[0].stamp_ns:
             return None
-        known, speed = self._at(at_ns), math.hypot(velocity.east, velocity.north)
+        known, speed = self._at(said.stamp_ns), math.hypot(velocity.east, velocity.north)
         course, east, north = math.atan2(velocity.north, velocity.east), 0.0, 0.0
         before = self._at(then_ns)
         for period in [p for p in periods if p.stamp_ns > then_ns]:
@@ -100,18 +103,21 @@ class Motion:
 
 
 class _Way(NamedTuple):
-    """How far a receiver's point has gone by its velocities since the first one, m in the map, and with what error."""
+    """How far a receiver's point has gone by its velocities since its fix, m in the map, and with what error."""
 
     stamp_ns: int
     east: float = 0.0
     north: float = 0.0
     std: float = 0.0
 
-    def by(self, before: Velocity, after: Velocity, std: float, stamp_ns: int) -> _Way:
+    def by(self, before: _Said, after: _Said) -> _Way:
         """On to a later time by the velocities now and then, whose error lasts, so that it adds up."""
-        dt = (stamp_ns - self.stamp_ns) / NS_PER_S
-        east, north = 0.5 * (before.east + after.east), 0.5 * (before.north + after.north)
-        return _Way(stamp_ns, self.east + dt * east, self.north + dt * north, self.std + dt * std)
+        dt, std = (after.stamp_ns - self.stamp_ns) / NS_PER_S, after.velocity.std
+        if dt <= 0.0 or std is None:
+            return self
+        east = 0.5 * (before.velocity.east + after.velocity.east)
+        north = 0.5 * (before.velocity.north + after.velocity.north)
+        return _Way(after.stamp_ns, self.east + dt * east, self.north + dt * north, self.std + dt * std)
 
 
 class _Newest:
@@ -120,71 +126,74 @@ class _Newest:
     def __init__(self, declared: Receiver) -> None:
         self.declared = declared
         self.fix: Navigation | None = None
-        self.velocity: Navigation | None = None
         self.heading: Navigation | None = None
         self.came_ns: int | None = None
         """when the fix came"""
-        self._ways: deque[_Way] = deque(maxlen=KEPT)
-        self._fixed: _Way | None = None
-        """way at the time of the fix"""
+        self._velocities: deque[_Said] = deque(maxlen=KEPT)
+        """that follow each other and state their deviation, but for the oldest one"""
+        self._way: _Way | None = None
+        """from the fix on, as far as velocities go on from it"""
         self.carried: _Way | None = None
-        """way from the fix to where the point is without one"""
+        """the same to where the point is without a fix"""
         self.cause = "nothing has come: `hil receiver run`"
+
+    @property
+    def velocity(self) -> _Said | None:
+        """The newest one."""
+        return self._velocities[-1] if self._velocities else None
 
     def take(self, message: Navigation, now_ns: int) -> None:
         """The next message."""
         if message.places:
             self.cause = message.reason
-        if message.velocity is not None and self._is_better(message):
-            self._go_on(message, message.velocity, now_ns)
-            self.velocity = message
+        if message.velocity is not None and self._is_better(message.stamp_ns, message.velocity):
+            self._go_on(_Said(message.stamp_ns, message.velocity), now_ns)
         if message.quality is not Quality.FIXED:
             return
         self.heading = message if self._points_better(message) else self.heading
         if message.places and self._has_velocity(message):
-            self.fix, self.came_ns = message, now_ns
-            self._fixed = self.carried = None
+            self._begin(message, now_ns)
 
-    def _go_on(self, message: Navigation, velocity: Velocity, now_ns: int) -> None:
+    def _begin(self, fix: Navigation, now_ns: int) -> None:
+        """A new fix, since which the point has gone on already by the velocities that came before it."""
+        self.fix, self.came_ns, self.carried = fix, now_ns, None
+        way = _Way(fix.stamp_ns)
+        for before, after in pairwise(self._velocities):
+            way = way.by(before, after)
+        self._way = way if self._velocities[0].stamp_ns <= fix.stamp_ns else None
+
+    def _go_on(self, said: _Said, now_ns: int) -> None:
         """The next velocity; one that states no deviation carries nothing."""
-        stamp_ns, last = message.stamp_ns, self._ways[-1] if self._ways else _Way(0)
-        before = None if self.velocity is None else self.velocity.velocity
-        follows = 0 < stamp_ns - last.stamp_ns <= VELOCITY_NS
-        if before is None or velocity.std is None or not follows:
-            self._ways.clear()
-            self._ways.append(_Way(stamp_ns))
-            self._fixed = self.carried = None
-            return
-        self._ways.append(last.by(before, velocity, velocity.std, stamp_ns))
-        if self.fix is not None:
-            self._carry(self.fix.stamp_ns, now_ns)
+        before = self.velocity
+        if before is None or said.velocity.std is None or not 0 < said.stamp_ns - before.stamp_ns <= OLDEST_NS:
+            self._velocities.clear()
+            self._way = self.carried = None
+        elif self._way is not None:
+            self._way = self._way.by(before, said)
+            self._carry(self._way, now_ns)
+        self._velocities.append(said)
 
-    def _carry(self, fixed_ns: int, now_ns: int) -> None:
-        """The place goes on from its fix, where fixes are missing."""
-        newest = self._ways[-1]
-        if self._fixed is None:
-            self._fixed = next((way for way in self._ways if way.stamp_ns >= fixed_ns), None)
-        if self._fixed is None or abs(self._fixed.stamp_ns - fixed_ns) > SAME_NS:
-            return
-        std = newest.std - self._fixed.std
+    def _carry(self, way: _Way, now_ns: int) -> None:
+        """The place goes on from its fix, where fixes are missing, as far as one of fixed quality may be off: the state
+        filter takes the next fix all the same."""
+        fixed_ns = 0 if self.fix is None else self.fix.stamp_ns
         before_ns = fixed_ns if self.carried is None else self.carried.stamp_ns
-        due = newest.stamp_ns - fixed_ns > MISSING_NS and newest.stamp_ns - before_ns >= MISSING_NS // 2
-        if due and std <= CARRIED_M:
-            east, north = newest.east - self._fixed.east, newest.north - self._fixed.north
-            self.carried, self.came_ns = _Way(newest.stamp_ns, east, north, std), now_ns
+        due = way.stamp_ns - fixed_ns > MISSING_NS and way.stamp_ns - before_ns >= MISSING_NS // 2
+        if due and way.std <= GATE * self.declared.noise:
+            self.carried, self.came_ns = way, now_ns
 
     def _has_velocity(self, fix: Navigation) -> bool:
         """Whether the fix can be brought up; one that cannot does not place the car, and the next receiver may."""
-        near = self.velocity is not None and abs(self.velocity.stamp_ns - fix.stamp_ns) <= VELOCITY_NS
+        near = self.velocity is not None and abs(self.velocity.stamp_ns - fix.stamp_ns) <= OLDEST_NS
         self.cause = self.cause if near else "no velocity comes with its positions: log BESTVEL or RMC too"
         return near
 
-    def _is_better(self, message: Navigation) -> bool:
+    def _is_better(self, stamp_ns: int, velocity: Velocity) -> bool:
         """Of velocities, those that state their deviation: others are means of a whole interval, and late by half."""
         old = self.velocity
-        if old is None or old.velocity is None or message.stamp_ns - old.stamp_ns > VELOCITY_NS:
+        if old is None or old.velocity.std is None or velocity.std is not None:
             return True
-        return old.velocity.std is None or (message.velocity is not None and message.velocity.std is not None)
+        return stamp_ns - old.stamp_ns > OLDEST_NS
 
     def _points_better(self, message: Navigation) -> bool:
         """Whether its heading is of the best log that has said one lately."""
@@ -233,19 +242,17 @@ class NetworkReceivers:
         reports and the way (m, map) from there to the centre of gravity at `stamp_ns`."""
         self._motion.step(stamp_ns, ax, yaw_rate)
         newest = self._newest[self.name]
-        fix, velocity = newest.fix, newest.velocity
-        if fix is None or fix.place is None:
+        fix, said = newest.fix, newest.velocity
+        if fix is None or fix.place is None or said is None:
             return None
         then = newest.carried or _Way(fix.stamp_ns)
         if (then.stamp_ns, self.name) == self._used:
             return None
         self._used = then.stamp_ns, self.name
-        if velocity is None or velocity.velocity is None:
-            return None
-        way = self._motion.way_since(then.stamp_ns, velocity.velocity, velocity.stamp_ns)
+        way = self._motion.way_since(then.stamp_ns, said)
         if way is None or stamp_ns - then.stamp_ns > OLDEST_NS:
             return None
-        ahead, left = self._lever(newest, velocity.velocity, velocity.stamp_ns)
+        ahead, left = self._lever(newest, said)
         return fix.place.latitude, fix.place.longitude, then.east + way[0] - ahead, then.north + way[1] - left
 
     def heading(self, stamp_ns: int) -> Heading | None:
@@ -258,14 +265,14 @@ class NetworkReceivers:
             return None
         return Heading(yaw=newest.heading.yaw + self._motion.turned_since(newest.stamp_ns), std=newest.heading.std)
 
-    def _lever(self, newest: _Newest, velocity: Velocity, at_ns: int) -> tuple[float, float]:
+    def _lever(self, newest: _Newest, said: _Said) -> tuple[float, float]:
         """From the centre of gravity to the point that the receiver reports, m in the map; none where the car points
         nobody knows."""
-        heading = newest.heading
-        if heading is not None and heading.heading is not None and abs(heading.stamp_ns - at_ns) < OLDEST_NS:
+        heading, velocity = newest.heading, said.velocity
+        if heading is not None and heading.heading is not None and abs(heading.stamp_ns - said.stamp_ns) < OLDEST_NS:
             yaw = heading.heading.yaw + self._motion.turned_since(heading.stamp_ns)
         elif math.hypot(velocity.east, velocity.north) > WALKING:
-            yaw = math.atan2(velocity.north, velocity.east) + self._motion.turned_since(at_ns)
+            yaw = math.atan2(velocity.north, velocity.east) + self._motion.turned_since(said.stamp_ns)
         else:
             return 0.0, 0.0
         x, y, c, s = newest.declared.x, newest.declared.y, math.cos(yaw), math.sin(yaw)
