@@ -187,10 +187,19 @@ class Track:
 
     def inside(self, s: float, lateral: float) -> float:
         """Distance from such a place to the nearer edge of where a car may be, m; negative beyond it."""
-        i = min(int(s / self.length * len(self.s)), len(self.s) - 1)
         if self._has_lane(s):
             room = self.room(s, lateral)
             return float(min(room.left, room.right))
+        return self._on_road(s, lateral)
+
+    def holds(self, s: float, lateral: float, room: float) -> bool:
+        """Whether such a place has more than `room` m >= 0 to the nearer edge; a car that has it on the road needs no
+        look at the pit lane."""
+        return self._on_road(s, lateral) > room or (self._has_lane(s) and self.inside(s, lateral) > room)
+
+    def _on_road(self, s: float, lateral: float) -> float:
+        """Distance to the nearer edge of the road, m."""
+        i = min(int(s / self.length * len(self.s)), len(self.s) - 1)
         return float(self.width_left[i] if lateral > 0 else self.width_right[i]) - abs(lateral)
 
     def in_lane(self, s: float, lateral: float) -> bool:

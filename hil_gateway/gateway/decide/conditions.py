@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hil_gateway.bus.latest import Latest
-from hil_gateway.bus.messages import Agreement, Command, Estimate, OperatorAction, Plan, VehicleState
+from hil_gateway.bus.messages import Agreement, Command, Estimate, FailsafeAction, OperatorAction, Plan, VehicleState
 from hil_gateway.bus.track_day.run import RunPhase, RunStatus
 from hil_gateway.car.states import (
     KILL_VEHICLE_FLAGS,
@@ -97,6 +97,8 @@ class Conditions:
             comes_in=_comes_in(run, self._black_flag.update(state.vehicle_flag == VehicleFlag.BLACK, now_ns), now_ns),
         )
         standing = state.valid and road_speed(state) < STANDSTILL
+        lost = self._lost_run.step(run.message)
+        asked = not self._testing and decision.action is not FailsafeAction.DRIVE  # a car that drives is armed
         everything = {**measures, **(dict.fromkeys(monitored, 0.0) if self._testing else monitored)}
         return Situation(
             now_ns,
@@ -105,7 +107,7 @@ class Conditions:
                 standing,
                 request,
                 self._mode != "listen",
-                self._unready(now_ns, estimate, plan, command, run.message),
+                self._unready(now_ns, estimate, plan, command, lost) if asked else {},
             ),
             ladder_inputs(self._builder, now_ns, state),
             CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
@@ -152,11 +154,8 @@ class Conditions:
 
     def _unready(
         self, now_ns: int, estimate: Latest[Estimate], plan: Latest[Plan], command: Command | None,
-        run: RunStatus | None,
+        lost: Mapping[str, str],
     ) -> Mapping[str, str]:  # fmt: skip
-        lost = self._lost_run.step(run)
-        if self._testing:
-            return {}
         fixes = self._builder.fixes
         found = unready(now_ns, estimate, plan, command, (fixes.x, fixes.y) if fixes.seq else None)
         other = {} if self._ours is None else of_another_drive(self._ours, estimate.message, plan.message)

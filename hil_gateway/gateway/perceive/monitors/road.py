@@ -37,6 +37,6 @@ class RoadMonitor:
         self._s = s if abs(lateral) < NEAR else None
         i = min(int(s / track.length * len(track.s)), len(track.s) - 1)
         self.gravity_across = GRAVITY * math.sin(float(track.bank[i]))
-        off = not track.inside(s, lateral) > self._half_width - BEYOND
+        off = not track.holds(s, lateral, self._half_width - BEYOND)
         against = not abs(math.remainder(pose.yaw - float(track.heading[i]), math.tau)) < ACROSS
         return self._off.update(off, now_ns), self._against.update(against, now_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +191,16 @@ def test_a_pit_lane_beside_a_track_file_lies_where_its_points_are(tmp_path: Path
     assert not touching.in_lane
     assert touching.right == pytest.approx(10.0, abs=0.1)
     assert touching.left > 1.5
+
+
+@pytest.mark.parametrize("name", sorted(shipped_tracks()))
+def test_what_holds_a_car_is_what_it_is_inside_of(name: str) -> None:
+    track = load_track(name)
+    for s in np.linspace(0.0, track.length, 60, endpoint=False).tolist():
+        for lateral in np.linspace(-25.0, 25.0, 41).tolist():
+            beyond = track.inside(s, lateral) - 0.5
+            assert track.holds(s, lateral, 0.5) == (beyond > 0.0) or abs(beyond) < 0.1, (s, lateral)
+    assert not track.holds(0.0, math.nan, 0.5)
 
 
 def test_a_pit_lane_changes_nothing_of_the_track_and_is_read_again_when_it_changes(tmp_path: Path) -> None:
