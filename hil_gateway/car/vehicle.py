@@ -75,6 +75,11 @@ class Vehicle(Model):
         """Gravity and downforce over the mass at `speed` (m/s), m/s2."""
         return GRAVITY + self.downforce(speed) / self.mass
 
+    def turns(self, speed: float, understeer: float) -> float:
+        """Yaw rate over the tangent of the road-wheel angle, 1/s, at `speed` (m/s): v / (L + K v^2) with the understeer
+        K, rad a m/s2 of lateral force."""
+        return speed / (self.wheelbase + understeer * speed**2)
+
     def drag(self, speed: float) -> float:
         """Deceleration by the air at `speed` (m/s), m/s2."""
         return 0.5 * self.air_density * self.drag_area * speed**2 / self.mass

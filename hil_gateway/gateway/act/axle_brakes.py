@@ -23,6 +23,7 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.perceive.monitors.actuators import PEDALS
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.positions.fixes import MOVING
+from hil_gateway.gateway.perceive.road_speed import at_the_middle
 from hil_gateway.settings.gateway import LEAST_SHARE, PERIOD_S, beside
 
 SURE_SHARE = 0.8
@@ -138,10 +139,8 @@ class AxleBrakes:
 
     def _slips(self, state: VehicleState, motion: Motion) -> tuple[float, float]:
         """Slip of the faster wheel of each axle: an inner one may lock in a bend, and carries little."""
-        front, rear = (0.5 * track * motion.yaw_rate for track in (self._vehicle.track_front, self._vehicle.track_rear))
-        fastest_front = max(state.wheel_speed_fl + front, state.wheel_speed_fr - front)
-        fastest_rear = max(state.wheel_speed_rl + rear, state.wheel_speed_rr - rear)
-        return 1.0 - fastest_front / motion.speed, 1.0 - fastest_rear / motion.speed
+        fl, fr, rl, rr = at_the_middle(state, self._vehicle, motion.yaw_rate)
+        return 1.0 - max(fl, fr) / motion.speed, 1.0 - max(rl, rr) / motion.speed
 
     def _watch(self, pressures: tuple[float, float], slips: tuple[float, float]) -> None:
         """Let an axle go that slips, by as much of its pressure a period as it slips beyond (at 0.05 half of it is gone

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.road import NEAR
+from hil_gateway.gateway.perceive.monitors.road import ACROSS, NEAR
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track, TrackPoint
@@ -36,8 +36,6 @@ MIDDLE = 0.5
 """weight of 1 m off the middle, (m/s2)^2: 5 m count as 3.5 m/s2"""
 BEYOND = 60.0
 """m the way is longer than braking as configured takes: bends leave less for braking"""
-STEEPEST = 0.5
-"""slope of the way against the track at its beginning, at most: more is a wrong heading"""
 GIVEN = 3
 """points at the beginning of a way that are given: place, direction and curvature of the car's course"""
 SMOOTH_S = 0.3
@@ -57,14 +55,16 @@ class Path:
     x: Array
     y: Array
     s: Array
+    curvature: Array
+    """positive to the left, 1/m"""
 
     def nearest(self, x: float, y: float) -> int:
         """Vertex nearest to (x, y)."""
         return int(np.argmin((self.x - x) ** 2 + (self.y - y) ** 2))
 
-    def ahead(self, x: float, y: float, distance: float) -> tuple[float, float]:
-        """Point `distance` along the path from the vertex nearest to (x, y); its last point beyond the end."""
-        target = self.s[self.nearest(x, y)] + distance
+    def ahead(self, vertex: int, distance: float) -> tuple[float, float]:
+        """Point `distance` along the path from a vertex; its last point beyond the end."""
+        target = self.s[vertex] + distance
         return float(np.interp(target, self.s, self.x)), float(np.interp(target, self.s, self.y))
 
     def distance(self, x: float, y: float) -> float:
@@ -74,15 +74,12 @@ class Path:
         share = np.clip(along, 0.0, 1.0)
         return float(np.hypot(self.x[:-1] + share * dx - x, self.y[:-1] + share * dy - y).min())
 
-    def curvature(self) -> Array:
-        """At every point, positive to the left, 1/m."""
-        heading = np.unwrap(np.arctan2(np.gradient(self.y, self.s), np.gradient(self.x, self.s)))
-        return np.asarray(np.gradient(heading, self.s))
-
 
 def polyline(points: Array) -> Path:
     """Path through `points`, shape (2, n), no two of them in one place."""
-    return Path(points[0], points[1], np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points)))]))
+    x, y, s = *points, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points)))])
+    heading = np.unwrap(np.arctan2(np.gradient(y, s), np.gradient(x, s)))
+    return Path(x, y, s, np.gradient(heading, s))
 
 
 def way_along(
@@ -123,14 +120,10 @@ def _bend(aside: Array) -> Array:
 
 def _start(pose: Pose, turn_rate: float, offset: float, s: Array, on: TrackPoint) -> Array:
     """Offsets of the way's first points, where it is `s` (m) behind the car: its place, direction and curvature."""
-    slope = _turned(pose.yaw + pose.slip - on.heading[GIVEN - 1])
-    slope = math.tan(max(-math.atan(STEEPEST), min(slope, math.atan(STEEPEST))))
+    against = math.remainder(pose.yaw + pose.slip - float(on.heading[GIVEN - 1]), math.tau)
+    slope = math.tan(max(-ACROSS, min(against, ACROSS)))  # more is a wrong heading
     bend = turn_rate / max(pose.speed, SLOWEST) - float(on.curvature[GIVEN - 1])
     return np.asarray(offset + slope * s + 0.5 * bend * s**2)
-
-
-def _turned(angle: float) -> float:
-    return math.remainder(angle, 2 * math.pi)
 
 
 def _corridor(width: Array, clear: Array) -> Array:

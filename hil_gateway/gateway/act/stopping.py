@@ -19,7 +19,6 @@ from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, way_alon
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, MOST_GRIP, Motion
-from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
 from hil_gateway.track.track import Track
 
@@ -53,8 +52,6 @@ class Stopping:
         self._force_per_drive = force_per_drive
         self._track = track
         self._path: Path | None = None
-        self._curvature: Array = np.zeros(0)
-        self._bends: Array = np.zeros(0)
         self._steer = 0.0
         self.flat = False
         """whether a tyre is flat"""
@@ -85,19 +82,18 @@ class Stopping:
         if self.blind and self._clear < CLEAR_BLIND:
             self._clear, self._path = CLEAR_BLIND, None
         if pose is not None and (self._path is None or self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
-            self._take(self._way(pose, motion))
+            self._path = self._way(pose, motion) or self._path
+        wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
+        lateral, grip = abs(motion.ay), self._grip_at(motion.speed)
         if self._path is not None and pose is not None:
             self._steer = self._pursue(self._path, pose, motion)
-        wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
-        lateral = abs(motion.ay)
-        if self._path is not None and pose is not None:
-            for_bends = self._for_bends(self._path, pose, motion.speed)
+            here = self._path.nearest(pose.x, pose.y)
+            for_bends = self._for_bends(self._path, here, motion.speed)
             wanted = max(wanted, for_bends)
             if steers:
-                lateral = max(lateral, self._for_way(self._path, pose, motion.speed))
-                lateral = max(lateral, self._for_steering(motion.speed, for_bends))
+                lateral = max(lateral, self._needed(self._path, here, motion.speed, for_bends, grip))
         self.lateral = lateral if steers else None
-        left = self._grip_left(motion.speed, lateral)
+        left = beside(lateral, grip)
         force = self._vehicle.mass * (min(wanted, left) if steers else left)
         return self._steer, -force / self._force_per_drive
 
@@ -108,19 +104,13 @@ class Stopping:
         deceleration = self._config.controlled_deceleration if self._brakes else self._vehicle.drag(ROLLS_OUT)
         return way_along(self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration, clear=self._clear)
 
-    def _take(self, path: Path | None) -> None:
-        """Follow this path; where there is none, the one before."""
-        if path is not None:
-            self._path, self._curvature = path, path.curvature()
-            self._bends = np.abs(self._curvature)
-
     def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:
         rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)
         rear_y = pose.y - self._vehicle.lr * math.sin(pose.yaw)
         late_s = 0.0 if motion.by_gyro else 0.5 * COURSE_WINDOW * PERIOD_S  # as the heading of fixes is
         look_ahead = max(LOOK_AHEAD_MIN, (LOOK_AHEAD_S + late_s) * pose.speed)
-        x, y = path.ahead(rear_x, rear_y, look_ahead)
-        bend = float(self._curvature[path.nearest(rear_x, rear_y)])
+        behind = path.nearest(rear_x, rear_y)
+        (x, y), bend = path.ahead(behind, look_ahead), float(path.curvature[behind])
         angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw - self._rear_slip(motion, bend)
         distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)
         curvature = 2 * math.sin(angle) / distance
@@ -147,38 +137,26 @@ class Stopping:
             return -self._vehicle.lr * curvature
         return -motion.rear_yields * motion.speed**2 * curvature
 
-    def _for_bends(self, path: Path, pose: Pose, speed: float) -> float:
+    def _for_bends(self, path: Path, here: int, speed: float) -> float:
         """Deceleration after which no bend ahead needs more than `BEND_SHARE` of the declared grip, m/s2.
 
         v^2 of a bend with curvature k: mu (m g + c v^2) = m k v^2, with the declared grip mu and downforce c.
         """
         grip, lift = BEND_SHARE * self._grip, self._vehicle.downforce(1.0) / self._vehicle.mass
-        nearest = path.nearest(pose.x, pose.y)
-        distance = path.s[nearest + 1 :] - path.s[nearest]
-        allowed = grip * GRAVITY / np.maximum(self._bends[nearest + 1 :] - grip * lift, 1e-4)
+        distance = path.s[here + 1 :] - path.s[here]
+        allowed = grip * GRAVITY / np.maximum(np.abs(path.curvature[here + 1 :]) - grip * lift, 1e-4)
         needed = (speed**2 - allowed) / (2.0 * np.maximum(distance, speed * LOOK_AHEAD_S))
         return float(needed.max(initial=0.0))
 
-    def _for_way(self, path: Path, pose: Pose, speed: float) -> float:
-        """Lateral force of the way where the car is, m/s2."""
-        return float(self._bends[path.nearest(pose.x, pose.y)]) * speed**2
+    def _needed(self, path: Path, here: int, speed: float, for_bends: float, grip: float) -> float:
+        """Lateral force that the way needs where the car is, and the steering asks for as far as the braking for bends
+        ahead leaves it, m/s2.
 
-    def _for_steering(self, speed: float, for_bends: float) -> float:
-        """Lateral force that the steering asks for, m/s2, as far as the braking that bends ahead need leaves it.
-
-        A car that is beside its way asks for more than the way: front tyres that brake with all the rest of their grip
-        do not turn it back.
+        Front tyres that are braked past their grip turn the car less: by the force that it has it would seem to need
+        none. A car that is beside its way asks for more than the way.
         """
-        grip = self._grip_at(speed)
-        return min(self._asked * speed**2, math.sqrt(max(grip**2 - for_bends**2, 0.0)))
-
-    def _grip_left(self, speed: float, lateral: float) -> float:
-        """Deceleration the friction circle leaves beside a lateral force, m/s2.
-
-        That of the way counts, too: front tyres that are braked past their grip turn the car less, and by the force
-        that is left it would seem to need none.
-        """
-        return beside(lateral, self._grip_at(speed))
+        left = math.sqrt(max(grip**2 - for_bends**2, 0.0))
+        return max(abs(float(path.curvature[here])) * speed**2, min(self._asked * speed**2, left))
 
     def _grip_at(self, speed: float) -> float:
         """Specific force that the tyres make, m/s2."""

@@ -96,10 +96,10 @@ class StuckSteering:
         An angle comes to r = v (tan(delta) - K a_y) / L, and by a change of it the yaw rate changes by v / (L + K v^2);
         the force that is felt tells the understeer K on a bank, too.
         """
-        share, length, speed = PERIOD_S / (self._judged_s + PERIOD_S), self._vehicle.wheelbase, max(motion.speed, 1.0)
+        share, speed = PERIOD_S / (self._judged_s + PERIOD_S), max(motion.speed, 1.0)
         reported, asked = math.tan(self._reported), math.tan(self._asked)
-        gain = motion.speed / (length + motion.understeer * motion.speed**2)
-        shown = length * motion.yaw_rate / speed + motion.understeer * motion.ay
+        gain = self._vehicle.turns(motion.speed, motion.understeer)
+        shown = self._vehicle.wheelbase * motion.yaw_rate / speed + motion.understeer * motion.ay
         self._reported_off += share * (gain * abs(shown - reported) - self._reported_off)
         self._asked_off += share * (gain * abs(shown - asked) - self._asked_off)
 
@@ -112,7 +112,7 @@ class StuckSteering:
             least = min(least, track.inside(s, lateral) - self._vehicle.half_width)
             grip, way, bend = self._grip(pose.speed), STEP_S * pose.speed, 0.0
             if since_s < slides_after_s:
-                bend = turned / (self._vehicle.wheelbase + understeer * pose.speed**2)
+                bend = turned * self._vehicle.turns(pose.speed, understeer) / pose.speed
                 slows = beside(bend * pose.speed**2, grip)
             else:
                 slows = SLIDING * grip

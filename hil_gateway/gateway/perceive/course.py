@@ -26,8 +26,6 @@ OLDEST_S = CONTRADICTED_S + SILENT_S
 """age of the newest fix beyond which the course is no longer known: two fixes were lost"""
 WEAVES_M = 0.2
 """of a car that weaves from a parabola, beside what fixes scatter"""
-DOUBTED = 1.0 / 3.0
-"""of that, root mean square, beyond which fixes say no course"""
 LATERAL = 7.0
 """m/s2 that a course may be off gyro and force, across: side slip that builds up, and its lag"""
 
@@ -59,7 +57,7 @@ class CourseReader:
 
     def __init__(self, noise: float) -> None:
         """`noise` of a fix, m."""
-        self._noise, self._across = noise, DOUBTED * apart_at_most(noise)
+        self._noise, self._across = noise, GATE * noise
         self._fixes: deque[tuple[int, complex]] = deque(maxlen=FITTED)
         """stamp and place: x + i y, m"""
         self._seq = 0

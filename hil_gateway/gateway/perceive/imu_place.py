@@ -1,7 +1,8 @@
 """An inertial sensor's readings, turned and moved to the centre of gravity as its mounting is declared.
 
 A point at r from the centre of gravity feels a + dw/dt x r - w^2 r (rigid body, plane motion); the sensor reads that in
-axes turned by its mounting angle. Where both are zero nothing is done.
+axes turned by its mounting angle. Where both are zero nothing is done. The yaw acceleration is taken over `JITTER_S`,
+three readings: 0.1 rad/s2 of noise for a gyro of 0.1 deg/s.
 """
 
 from __future__ import annotations
@@ -9,9 +10,8 @@ from __future__ import annotations
 import math
 
 from hil_gateway.car.car import Imu
-
-YAW_ACC_S = 0.03
-"""over which the yaw acceleration is taken: three readings, 0.1 rad/s2 of noise for a gyro of 0.1 deg/s"""
+from hil_gateway.gateway.perceive.duration import JITTER_S
+from hil_gateway.settings.gateway import PERIOD_S
 
 
 class ImuPlace:
@@ -35,7 +35,7 @@ class ImuPlace:
     def _yaw_acceleration(self, t_s: float, yaw_rate: float) -> float:
         if not self._rates or t_s > self._rates[-1][0]:
             self._rates.append((t_s, yaw_rate))
-        while len(self._rates) > 2 and self._rates[1][0] <= t_s - YAW_ACC_S:
+        while len(self._rates) > 2 and self._rates[1][0] <= t_s - JITTER_S:
             self._rates.pop(0)
         (t0, before), (t1, now) = self._rates[0], self._rates[-1]
-        return (now - before) / (t1 - t0) if YAW_ACC_S / 3 <= t1 - t0 <= 3 * YAW_ACC_S else 0.0
+        return (now - before) / (t1 - t0) if PERIOD_S <= t1 - t0 <= 3 * JITTER_S else 0.0

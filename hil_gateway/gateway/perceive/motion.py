@@ -12,6 +12,7 @@ from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.fading_ratio import LEARNT, FadingRatio
+from hil_gateway.gateway.perceive.road_speed import Wheels, at_the_middle, wheel_speeds
 from hil_gateway.observer.bank import RENEWED_S
 from hil_gateway.observer.longitudinal import NOISE
 from hil_gateway.observer.observer import SLOWEST, Acts, Observer
@@ -248,21 +249,14 @@ class MotionReader:
         return max(self.motion.speed + (state.ax if self._gyro(state) else -slows) * dt, 0.0)
 
     def _second_fastest(self, state: VehicleState) -> float:
-        """Speed of the second fastest wheel at the centre of gravity, m/s: in a bend outer wheels go further, and front
-        wheels as far as their axle."""
+        """Speed of the second fastest wheel at the centre of gravity, m/s: front wheels go as far as their axle."""
         car, turn = self._vehicle, self.motion.yaw_rate
-        front, rear = 0.5 * car.track_front * turn, 0.5 * car.track_rear * turn
         ahead = math.cos(state.steer)
         if self.motion.speed > SLOWEST:
             ahead += car.wheelbase * turn * math.sin(state.steer) / self.motion.speed
         ahead = max(ahead, self._least_ahead)
-        fl, fr, rl, rr = wheel_speeds(state)
-        return max(_not_spinning((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear), state.drive), 0.0)
-
-
-def wheel_speeds(state: VehicleState) -> tuple[float, float, float, float]:
-    """Front left, front right, rear left, rear right, m/s."""
-    return state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
+        fl, fr, rl, rr = at_the_middle(state, car, turn)
+        return max(_not_spinning((fl / ahead, fr / ahead, rl, rr), state.drive), 0.0)
 
 
 def second_fastest(state: VehicleState) -> float:
@@ -270,7 +264,7 @@ def second_fastest(state: VehicleState) -> float:
     return _not_spinning(wheel_speeds(state), state.drive)
 
 
-def _not_spinning(speeds: tuple[float, float, float, float], drive: float) -> float:
+def _not_spinning(speeds: Wheels, drive: float) -> float:
     """Second fastest of the speeds (fl, fr, rl, rr), m/s; under power both driven wheels may be faster than the car."""
     second, front = sorted(speeds)[-2], max(speeds[:2])
     return front if drive > 0.0 and SPIN_LEAST * second < front < second else second

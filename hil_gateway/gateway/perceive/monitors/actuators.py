@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
-from hil_gateway.gateway.perceive.motion import BRAKED, periods_late
+from hil_gateway.gateway.perceive.motion import BRAKED, UNDERSTEER_MOST, periods_late
 from hil_gateway.observer.bank import GATE
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
@@ -95,6 +96,8 @@ class FollowingMonitor:
         self._of = steering_reports(car)
         self._brakes = PEDALS * car.powertrain.brake_pressure_max
         self._commands: deque[ActuatorPositions] = deque(maxlen=self._of.window)
+        self.obeyed: Sequence[ActuatorPositions] = ()
+        """all commands of a window, which the car has had to obey"""
         self._standing = _StandingSteering(self._of)
         self._steering, self._pedals = ConditionTime(), ConditionTime()
 
@@ -107,6 +110,7 @@ class FollowingMonitor:
             self._commands.append(commanded)
             self._standing.step(state.steer * self._of.ratio, commanded.steering_motor)
         full = len(self._commands) == self._of.window
+        self.obeyed = self._commands if full else ()
         motor = state.steer * self._of.ratio
         steers = full and state.sources["steering"].valid
         steers = steers and (self._outside(motor, "steering_motor", self._of.apart) or self._standing.found)
@@ -126,8 +130,6 @@ class FollowingMonitor:
         return not min(commands) - tolerance <= reported <= max(commands) + tolerance
 
 
-TURNS = 0.3
-"""of v tan(delta) / L: the yaw rate of heavy understeer at top speed"""
 MOVED_SHARE = 0.5
 """of its command that steering moves by at least, or the other way where it is reversed: play takes some of it, and one
 an eighth as fast as the motor shows a quarter of a swerve"""
@@ -169,7 +171,7 @@ class ReversedMonitor:
             newest = asked[-self._of.answer :]
             outside = not min(asked) - apart <= motor <= max(asked) + apart
             mirrored = min(newest) - apart < -motor < max(newest) + apart
-            turns = -side * state.yaw_rate > TURNS * speed * abs(math.tan(state.steer)) / self._vehicle.wheelbase
+            turns = -side * state.yaw_rate > abs(math.tan(state.steer)) * self._vehicle.turns(speed, UNDERSTEER_MOST)
             went = side * (self._reported[0] - motor) > apart
             self.found = self.found or (outside and mirrored and turns and (went or self._moves_against()))
 
@@ -186,25 +188,17 @@ class AccelerationMonitor:
 
     def __init__(self, car: Car) -> None:
         self._per_pa = car.powertrain.brake_force_per_pa / car.vehicle.mass
-        self._window = steering_reports(car).window
-        self._commands: deque[ActuatorPositions] = deque(maxlen=self._window)
         self._held = ConditionTime()
 
-    def step(self, now_ns: int, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> float:
-        """Seconds the car has not done what all of these commands ask."""
-        if commanded is None or speed < SLOWEST:
-            self._commands.clear()
-            return self._held.update(False, now_ns)
-        self._commands.append(commanded)
-        if len(self._commands) < self._window:
-            return self._held.update(False, now_ns)
-        pushed = state.ax > PUSHED and all(c.accelerator == 0.0 for c in self._commands)
-        return self._held.update(pushed or self._unbraked(state.ax), now_ns)
+    def step(self, now_ns: int, ax: float, commands: Sequence[ActuatorPositions]) -> float:
+        """Seconds the car has not done what all of these commands ask, none where nothing can tell."""
+        pushed = len(commands) > 0 and ax > PUSHED and all(c.accelerator == 0.0 for c in commands)
+        return self._held.update(pushed or (len(commands) > 0 and self._unbraked(ax, commands)), now_ns)
 
-    def _unbraked(self, ax: float) -> bool:
-        if not self._braking(self._commands[-1]) > BRAKED:
-            return False
-        braking = min(map(self._braking, self._commands))
+    def _unbraked(self, ax: float, commands: Sequence[ActuatorPositions]) -> bool:
+        if not self._braking(commands[-1]) > BRAKED:
+            return False  # as it nearly always is
+        braking = min(map(self._braking, commands))
         return braking > BRAKED and ax > -BRAKED_SHARE * min(braking, 2 * BRAKED)
 
     def _braking(self, command: ActuatorPositions) -> float:

@@ -21,7 +21,7 @@ from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import INNER, Braked
 from hil_gateway.gateway.perceive.motion import Judged, MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
-from hil_gateway.observer.observer import Observer
+from hil_gateway.observer.observer import SLOWEST, Observer
 from hil_gateway.track.track import Track
 
 STEERS = (SysState.DRIVING, SysState.EMERGENCY)
@@ -119,8 +119,8 @@ class Monitors:
         self._reversed.step(state, speed, commanded if state.sys_state in STEERS else None)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         sensors = self._compare(now_ns, state, course)
-        imu = state.sources["imu"].valid and not self._imu_gone
-        unanswered_s = self._acceleration.step(now_ns, state, speed, obeyed if imu else None)
+        tells = state.sources["imu"].valid and not self._imu_gone and speed > SLOWEST
+        unanswered_s = self._acceleration.step(now_ns, state.ax, self._following.obeyed if tells else ())
         self._distrust(sensors, max(sensors.speed, unanswered_s))
         no_wheels, no_imu = self.wheels_wrong, self.imu_wrong
         return {

@@ -27,14 +27,12 @@ from hil_gateway.observer.bank import CHANCE, GATE
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.geodesy import LocalMap
 
-LATEST_S = 1.0
-"""lateness at most"""
 CHORD_S = CONTRADICTED_S
 """to either side of a time, over which the fixes tell the velocity"""
 WINDOWS_S = (1.5, 3.0)
 """over which the offsets' movement is judged: a drift of 0.5 m/s exceeds the bound of the shorter one, slower ones that
 of the longer one"""
-BOTH = NormalDist().inv_cdf(1.0 - math.sqrt(CHANCE))
+BOTH = -NormalDist().inv_cdf(math.sqrt(CHANCE))
 """deviations that each of two exceeds by chance as rarely as one does `GATE`"""
 
 
@@ -45,7 +43,9 @@ Vector = tuple[float, float]
 class _Line:
     """The newest fixes, and where they were at a time in between."""
 
-    def __init__(self) -> None:
+    def __init__(self, latest_s: float) -> None:
+        """`latest_s`: how old the places are at most that are asked for."""
+        self._kept_s = latest_s + 2.0 * CHORD_S
         self._fixes: deque[tuple[float, float, float]] = deque()
         self._seq = 0
 
@@ -57,7 +57,7 @@ class _Line:
         if self._fixes and t - self._fixes[-1][0] > UNSEEN_S:
             self._fixes.clear()
         self._fixes.append((t, fixes.x, fixes.y))
-        while self._fixes[0][0] < t - LATEST_S - 2.0 * CHORD_S:
+        while self._fixes[0][0] < t - self._kept_s:
             self._fixes.popleft()
 
     def at(self, t: float) -> tuple[Vector, Vector] | None:
@@ -109,6 +109,7 @@ class _Receiver:
         self._latitude, self._longitude = (f"{self._source}.{name}" for name in ("latitude", "longitude"))
         self._wander = self._declared.wander + car.std(f"receiver.{name}.wander")
         self._late = self._declared.delay, car.std(f"receiver.{name}.delay")
+        self.latest_s = self._declared.delay + GATE * car.std(f"receiver.{name}.delay")
         self._walk = 2.0 * self._wander**2 / self._declared.wander_time
         """m2 that the variance of the offset grows a second, of a receiver that is a deviation worse than declared"""
         self._stamp_ns: int | None = None
@@ -164,7 +165,7 @@ class _Receiver:
             return
         by_x, by_y, by_late = ((e * weighed_x + n * weighed_y) for e, n in zip(east, north, strict=True))
         self._offset = self._offset[0] + by_x, self._offset[1] + by_y
-        self._late_s = min(max(self._late_s + by_late, 0.0), LATEST_S)
+        self._late_s = min(max(self._late_s + by_late, 0.0), self.latest_s)
         gains = [spread.solve(e, n) for e, n in zip(east, north, strict=True)]
         taken = [[gx * e + gy * n for e, n in zip(east, north, strict=True)] for gx, gy in gains]
         self._spread = _Spread(xx - taken[0][0], xy - taken[0][1], yy - taken[1][1])
@@ -192,7 +193,7 @@ class OtherReceivers:
         local_map = LocalMap(origin)
         _, *others = car.receivers
         self._receivers = [_Receiver(name, car, local_map) for name in others[:2]]
-        self._line = _Line()
+        self._line = _Line(max((receiver.latest_s for receiver in self._receivers), default=0.0))
         self._held = ConditionTime()
         self.share = 0.0
         """of what chance explains that the offsets have moved"""

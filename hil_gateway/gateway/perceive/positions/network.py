@@ -54,7 +54,7 @@ class _Said(NamedTuple):
     velocity: Velocity
 
 
-class Motion:
+class _Moved:
     """How the car has moved in the last periods, by gyro and longitudinal force."""
 
     def __init__(self) -> None:
@@ -210,7 +210,7 @@ class NetworkReceivers:
     def __init__(self, config: Config) -> None:
         declared = config.car.network_receivers
         self._newest = {name: _Newest(declared[name]) for name in config.receivers}
-        self._motion, self._used, self._pointed = Motion(), (0, ""), (0, "")
+        self._moved, self._used, self._pointed = _Moved(), (0, ""), (0, "")
         self.name = next(iter(self._newest), "")
         """the receiver in use; empty where none is configured"""
 
@@ -240,7 +240,7 @@ class NetworkReceivers:
     def step(self, stamp_ns: int, ax: float, yaw_rate: float) -> tuple[float, float, float, float] | None:
         """Fix of the receiver in use that has come since the last call, as latitude and longitude (deg) of the point it
         reports and the way (m, map) from there to the centre of gravity at `stamp_ns`."""
-        self._motion.step(stamp_ns, ax, yaw_rate)
+        self._moved.step(stamp_ns, ax, yaw_rate)
         newest = self._newest[self.name]
         fix, said = newest.fix, newest.velocity
         if fix is None or fix.place is None or said is None:
@@ -249,7 +249,7 @@ class NetworkReceivers:
         if (then.stamp_ns, self.name) == self._used:
             return None
         self._used = then.stamp_ns, self.name
-        way = self._motion.way_since(then.stamp_ns, said)
+        way = self._moved.way_since(then.stamp_ns, said)
         if way is None or stamp_ns - then.stamp_ns > OLDEST_NS:
             return None
         ahead, left = self._lever(newest, said)
@@ -263,16 +263,16 @@ class NetworkReceivers:
         self._pointed = newest.stamp_ns, self.name
         if stamp_ns - newest.stamp_ns > OLDEST_NS:
             return None
-        return Heading(yaw=newest.heading.yaw + self._motion.turned_since(newest.stamp_ns), std=newest.heading.std)
+        return Heading(yaw=newest.heading.yaw + self._moved.turned_since(newest.stamp_ns), std=newest.heading.std)
 
     def _lever(self, newest: _Newest, said: _Said) -> tuple[float, float]:
         """From the centre of gravity to the point that the receiver reports, m in the map; none where the car points
         nobody knows."""
         heading, velocity = newest.heading, said.velocity
         if heading is not None and heading.heading is not None and abs(heading.stamp_ns - said.stamp_ns) < OLDEST_NS:
-            yaw = heading.heading.yaw + self._motion.turned_since(heading.stamp_ns)
+            yaw = heading.heading.yaw + self._moved.turned_since(heading.stamp_ns)
         elif math.hypot(velocity.east, velocity.north) > WALKING:
-            yaw = math.atan2(velocity.north, velocity.east) + self._motion.turned_since(said.stamp_ns)
+            yaw = math.atan2(velocity.north, velocity.east) + self._moved.turned_since(said.stamp_ns)
         else:
             return 0.0, 0.0
         x, y, c, s = newest.declared.x, newest.declared.y, math.cos(yaw), math.sin(yaw)

@@ -39,7 +39,7 @@ def following(x: Array, y: Array) -> Stopping:
     """A stop that has taken this path."""
     stop = stopping()
     stop.start(0.0)
-    stop._take(polyline(np.array([x, y])))
+    stop._path = polyline(np.array([x, y]))
     return stop
 
 
@@ -51,10 +51,10 @@ def motion(speed: float = 40.0, ay: float = 0.0) -> Motion:
 
 
 def test_points_ahead_lie_on_the_path_and_end_with_it():
-    path = Path(np.array([0.0, 10.0, 10.0]), np.array([0.0, 0.0, 10.0]), np.array([0.0, 10.0, 20.0]))
-    assert path.ahead(0.0, 1.0, 5.0) == (5.0, 0.0)
-    assert path.ahead(9.0, 0.0, 5.0) == (10.0, 5.0)
-    assert path.ahead(9.0, 9.0, 50.0) == (10.0, 10.0)
+    path = polyline(np.array([[0.0, 10.0, 10.0], [0.0, 0.0, 10.0]]))
+    assert path.ahead(path.nearest(0.0, 1.0), 5.0) == (5.0, 0.0)
+    assert path.ahead(path.nearest(9.0, 0.0), 5.0) == (10.0, 5.0)
+    assert path.ahead(path.nearest(9.0, 9.0), 50.0) == (10.0, 10.0)
 
 
 def test_a_stop_without_the_planner_brakes_with_the_declared_balance(rig):
@@ -140,7 +140,7 @@ def test_the_way_of_a_stop_needs_less_lateral_force_than_the_middle_of_the_road(
     path = way_along(track, HALF_WIDTH, pose, pose.speed * bend_at(track, pose), 6.0)
     speed2 = np.maximum(45.0**2 - 12.0 * path.s, 144.0)
     middle = np.abs(track.at(900.0 + path.s).curvature)
-    assert (np.abs(path.curvature()) * speed2).max() < 0.8 * (middle * speed2).max()
+    assert (np.abs(path.curvature) * speed2).max() < 0.8 * (middle * speed2).max()
 
 
 def test_a_way_from_beside_the_edge_of_a_straight_takes_little_grip_from_the_brakes():
@@ -150,7 +150,7 @@ def test_a_way_from_beside_the_edge_of_a_straight_takes_little_grip_from_the_bra
     edge = float(track.at(straight).width_left) - HALF_WIDTH
     pose = beside(track, straight, edge - 0.9, 0.0, 70.0)
     path = way_along(track, HALF_WIDTH, pose, 0.0, 12.0, clear=2.2)
-    lateral = np.abs(path.curvature())[2:45] * (70.0**2 - 2 * 12.0 * path.s[2:45])
+    lateral = np.abs(path.curvature)[2:45] * (70.0**2 - 2 * 12.0 * path.s[2:45])
     assert lateral.max() < 5.0
     assert edge - offsets(track, path)[45] > 1.9
 
@@ -332,7 +332,7 @@ def test_a_stop_without_brakes_takes_a_way_on_which_a_car_that_rolls_out_needs_l
         assert stop._path is not None
         speed2 = np.maximum(45.0**2 - 2 * 2.0 * stop._path.s, 0.0)
         near = stop._path.s < 160.0
-        forces.append(float((speed2 * stop._bends)[near].max()))
+        forces.append(float((speed2 * np.abs(stop._path.curvature))[near].max()))
     assert forces[1] < 0.97 * forces[0]
 
 
