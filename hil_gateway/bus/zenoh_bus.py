@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -32,6 +33,8 @@ TX_QUEUE_BATCHES = 16
 """batches that wait for a slow reader, Zenoh's most; a message that is sent at once is one of its own"""
 HELD_UP_S = 0.1
 """for which a reader may be held up without a loss: topics that fill the queue sooner share batches"""
+RUNTIME = "(rx: (worker_threads: 1), acc: (handover: rx), tx: (handover: rx))"
+"""One thread serves all links: of the four that Zenoh starts otherwise, three wake one another for every message."""
 LARGEST_MESSAGE = 1 << 18
 """bytes; ours have some thousands. Reading one of 20 MB held the gateway up for seconds"""
 
@@ -152,6 +155,7 @@ def open_bus(config: ZenohConfig, name: str) -> ZenohBus:
     Raises:
         InputError: busy or unusable endpoint, unreadable or wrong extra file.
     """
+    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when the first session is opened
     import zenoh
 
     zenoh.init_log_from_env_or("error,zenoh::api::session=off")  # which reports every message that comes while closing

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import time
 import tracemalloc
 
@@ -57,6 +59,22 @@ def test_processes_meet_whoever_starts_first_and_also_after_the_hub_restarted(co
     finally:
         for bus in (planner, estimator, hub):
             bus.close()
+
+
+def test_one_runtime_of_zenoh_serves_all_links_of_a_process(port):
+    code = f"""
+import pathlib, time
+from hil_gateway.bus.zenoh_bus import open_bus
+from hil_gateway.config import ZenohConfig
+buses = [open_bus(ZenohConfig(connect=("tcp/127.0.0.1:{port}",)), name) for name in ("gateway", "planner", "estimator")]
+time.sleep(0.5)
+print(*(path.read_text().strip() for path in pathlib.Path("/proc/self/task").glob("*/comm")))
+for bus in buses:
+    bus.close()
+"""
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=30)
+    runtimes = {name.partition("-")[0] for name in ran.stdout.split()}
+    assert runtimes & {"rx", "tx", "acc"} == {"rx"}, ran.stdout
 
 
 def test_a_message_of_megabytes_never_reaches_a_reader(config):
