@@ -9,20 +9,23 @@ The receiver in use stays so while it places the car, then the first of the conf
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
+
 from hil_gateway.bus.messages import Heading, SourceHealth
-from hil_gateway.bus.outside import Navigation, Quality, Velocity
+from hil_gateway.bus.outside import Navigation, Quality
 from hil_gateway.bus.topics import NAVIGATION
 from hil_gateway.car.car import Receiver
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, UNSEEN_S
 from hil_gateway.observer.bank import GATE
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_S
 
@@ -38,86 +41,68 @@ KEPT = round((UNSEEN_S + CONTRADICTED_S) / PERIOD_S)
 """periods: `OLDEST_NS`, and two fixes"""
 
 
-@dataclass(slots=True)
-class _Period:
-    """One vehicle state: its time, and how the car has turned (rad) and gained speed (m/s) since the first one."""
-
-    stamp_ns: int
-    turned: float
-    gained: float
-
-
 class _Said(NamedTuple):
-    """Velocity of a receiver's point, and of when it is."""
+    """Velocity of a receiver's point in the map, m/s (x + i y), and of when it is."""
 
     stamp_ns: int
-    velocity: Velocity
+    velocity: complex
+    std: float | None
 
 
 class _Moved:
     """How the car has moved in the last periods, by gyro and longitudinal force."""
 
     def __init__(self) -> None:
-        self._periods: deque[_Period] = deque(maxlen=KEPT)
+        self._periods: deque[tuple[int, float, float]] = deque(maxlen=KEPT)
+        """stamp of a vehicle state, and how the car has turned (rad) and gained speed (m/s) since the first one"""
 
     def step(self, stamp_ns: int, ax: float, yaw_rate: float) -> None:
         """A new vehicle state; one that is no newer than the last changes nothing."""
         if not self._periods:
-            self._periods.append(_Period(stamp_ns, 0.0, 0.0))
-            return
-        last = self._periods[-1]
-        dt = (stamp_ns - last.stamp_ns) / NS_PER_S
+            self._periods.append((stamp_ns, 0.0, 0.0))
+        last_ns, turned, gained = self._periods[-1]
+        dt = (stamp_ns - last_ns) / NS_PER_S
         if dt > 0.0:
-            self._periods.append(_Period(stamp_ns, last.turned + dt * yaw_rate, last.gained + dt * ax))
+            self._periods.append((stamp_ns, turned + dt * yaw_rate, gained + dt * ax))
 
     def turned_since(self, then_ns: int) -> float:
         """By how much the car has turned, rad."""
-        return self._periods[-1].turned - self._at(then_ns).turned
+        stamps, turned, _ = np.array(self._periods).T
+        return float(turned[-1] - np.interp(then_ns, stamps, turned))
 
-    def way_since(self, then_ns: int, said: _Said) -> tuple[float, float] | None:
+    def way_since(self, then_ns: int, said: _Said) -> complex | None:
         """Way from `then_ns` to the newest state, m in the map, of a point of which that was `said`; None where that is
         longer ago than is kept."""
-        periods, velocity = self._periods, said.velocity
-        if not periods or min(then_ns, said.stamp_ns) < periods[0].stamp_ns:
+        if not self._periods or min(then_ns, said.stamp_ns) < self._periods[0][0]:
             return None
-        known, speed = self._at(said.stamp_ns), math.hypot(velocity.east, velocity.north)
-        course, east, north = math.atan2(velocity.north, velocity.east), 0.0, 0.0
-        before = self._at(then_ns)
-        for period in [p for p in periods if p.stamp_ns > then_ns]:
-            dt = (period.stamp_ns - before.stamp_ns) / NS_PER_S
-            middle = course + 0.5 * (before.turned + period.turned) - known.turned
-            way = dt * (speed + 0.5 * (before.gained + period.gained) - known.gained)
-            east, north, before = east + way * math.cos(middle), north + way * math.sin(middle), period
-        return east, north
+        stamps, *turned_gained = np.array(self._periods).T
+        times = np.array([then_ns, *stamps[stamps > then_ns]])
+        turns, gains = (
+            _middles(np.interp(times, stamps, since)) - np.interp(said.stamp_ns, stamps, since)
+            for since in turned_gained
+        )
+        speed, course = cmath.polar(said.velocity)
+        return complex((np.diff(times) / NS_PER_S * (speed + gains) * np.exp(1j * (course + turns))).sum())
 
-    def _at(self, then_ns: int) -> _Period:
-        """At a time between two periods, or at the ends."""
-        periods = self._periods
-        after = next((i for i, period in enumerate(periods) if period.stamp_ns >= then_ns), len(periods) - 1)
-        if after == 0:
-            return periods[0]
-        a, b = periods[after - 1], periods[after]
-        share = min((then_ns - a.stamp_ns) / (b.stamp_ns - a.stamp_ns), 1.0)
-        turned, gained = a.turned + share * (b.turned - a.turned), a.gained + share * (b.gained - a.gained)
-        return _Period(min(then_ns, b.stamp_ns), turned, gained)
+
+def _middles(values: Array) -> Array:
+    return 0.5 * (values[1:] + values[:-1])
 
 
 class _Way(NamedTuple):
     """How far a receiver's point has gone by its velocities since its fix, m in the map, and with what error."""
 
     stamp_ns: int
-    east: float = 0.0
-    north: float = 0.0
+    gone: complex = 0j
     std: float = 0.0
 
     def by(self, before: _Said, after: _Said) -> _Way:
         """On to a later time by the velocities now and then, whose error lasts, so that it adds up."""
-        dt, std = (after.stamp_ns - self.stamp_ns) / NS_PER_S, after.velocity.std
-        if dt <= 0.0 or std is None:
+        dt = (after.stamp_ns - self.stamp_ns) / NS_PER_S
+        if dt <= 0.0 or after.std is None:
             return self
-        east = 0.5 * (before.velocity.east + after.velocity.east)
-        north = 0.5 * (before.velocity.north + after.velocity.north)
-        return _Way(after.stamp_ns, self.east + dt * east, self.north + dt * north, self.std + dt * std)
+        middle = 0.5 * (before.velocity + after.velocity)
+        return _Way(after.stamp_ns, self.gone + dt * middle, self.std + dt * after.std)
 
 
 class _Newest:
@@ -146,8 +131,8 @@ class _Newest:
         """The next message."""
         if message.places:
             self.cause = message.reason
-        if message.velocity is not None and self._is_better(message.stamp_ns, message.velocity):
-            self._go_on(_Said(message.stamp_ns, message.velocity), now_ns)
+        if (given := message.velocity) is not None:
+            self._go_on(_Said(message.stamp_ns, complex(given.east, given.north), given.std), now_ns)
         if message.quality is not Quality.FIXED:
             return
         self.heading = message if self._points_better(message) else self.heading
@@ -163,9 +148,13 @@ class _Newest:
         self._way = way if self._velocities[0].stamp_ns <= fix.stamp_ns else None
 
     def _go_on(self, said: _Said, now_ns: int) -> None:
-        """The next velocity; one that states no deviation carries nothing."""
+        """The next velocity. One that states no deviation carries nothing, and is left out where others state theirs:
+        it is the mean of a whole interval, and late by half."""
         before = self.velocity
-        if before is None or said.velocity.std is None or not 0 < said.stamp_ns - before.stamp_ns <= OLDEST_NS:
+        since_ns = math.inf if before is None else said.stamp_ns - before.stamp_ns
+        if said.std is None and before is not None and before.std is not None and since_ns <= OLDEST_NS:
+            return
+        if before is None or said.std is None or not 0 < since_ns <= OLDEST_NS:
             self._velocities.clear()
             self._way = self.carried = None
         elif self._way is not None:
@@ -187,13 +176,6 @@ class _Newest:
         near = self.velocity is not None and abs(self.velocity.stamp_ns - fix.stamp_ns) <= OLDEST_NS
         self.cause = self.cause if near else "no velocity comes with its positions: log BESTVEL or RMC too"
         return near
-
-    def _is_better(self, stamp_ns: int, velocity: Velocity) -> bool:
-        """Of velocities, those that state their deviation: others are means of a whole interval, and late by half."""
-        old = self.velocity
-        if old is None or old.velocity.std is None or velocity.std is not None:
-            return True
-        return stamp_ns - old.stamp_ns > OLDEST_NS
 
     def _points_better(self, message: Navigation) -> bool:
         """Whether its heading is of the best log that has said one lately."""
@@ -252,8 +234,8 @@ class NetworkReceivers:
         way = self._moved.way_since(then.stamp_ns, said)
         if way is None or stamp_ns - then.stamp_ns > OLDEST_NS:
             return None
-        ahead, left = self._lever(newest, said)
-        return fix.place.latitude, fix.place.longitude, then.east + way[0] - ahead, then.north + way[1] - left
+        place = then.gone + way - self._lever(newest, said)
+        return fix.place.latitude, fix.place.longitude, place.real, place.imag
 
     def heading(self, stamp_ns: int) -> Heading | None:
         """Of the receiver in use, turned on to `stamp_ns`; None where none has come since the last call."""
@@ -265,18 +247,17 @@ class NetworkReceivers:
             return None
         return Heading(yaw=newest.heading.yaw + self._moved.turned_since(newest.stamp_ns), std=newest.heading.std)
 
-    def _lever(self, newest: _Newest, said: _Said) -> tuple[float, float]:
+    def _lever(self, newest: _Newest, said: _Said) -> complex:
         """From the centre of gravity to the point that the receiver reports, m in the map; none where the car points
         nobody knows."""
-        heading, velocity = newest.heading, said.velocity
+        heading = newest.heading
         if heading is not None and heading.heading is not None and abs(heading.stamp_ns - said.stamp_ns) < OLDEST_NS:
             yaw = heading.heading.yaw + self._moved.turned_since(heading.stamp_ns)
-        elif math.hypot(velocity.east, velocity.north) > WALKING:
-            yaw = math.atan2(velocity.north, velocity.east) + self._moved.turned_since(said.stamp_ns)
+        elif abs(said.velocity) > WALKING:
+            yaw = cmath.phase(said.velocity) + self._moved.turned_since(said.stamp_ns)
         else:
-            return 0.0, 0.0
-        x, y, c, s = newest.declared.x, newest.declared.y, math.cos(yaw), math.sin(yaw)
-        return c * x - s * y, s * x + c * y
+            return 0j
+        return cmath.rect(1.0, yaw) * complex(newest.declared.x, newest.declared.y)
 
 
 def _health(came_ns: int | None, now_ns: int) -> SourceHealth:
