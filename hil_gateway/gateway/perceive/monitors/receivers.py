@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections import deque
+from collections.abc import Sequence
 from operator import itemgetter
 from statistics import NormalDist
 from typing import NamedTuple
@@ -76,29 +77,33 @@ class _Line:
         return x0 + share * (x1 - x0), y0 + share * (y1 - y0)
 
 
-class _Spread(NamedTuple):
-    """Symmetrical matrix of two dimensions: a covariance, m2."""
-
-    xx: float
-    xy: float
-    yy: float
-
-    def along(self, x: float, y: float) -> float:
-        """Its quadratic form."""
-        return self.xx * x * x + 2.0 * self.xy * x * y + self.yy * y * y
-
-    def solve(self, x: float, y: float) -> Vector:
-        """What it makes (x, y) of."""
-        determinant = self.xx * self.yy - self.xy * self.xy
-        return (self.yy * x - self.xy * y) / determinant, (self.xx * y - self.xy * x) / determinant
-
-
 class _Known(NamedTuple):
-    """What is known of an offset (m, east and north) at a time (s), and with what covariance."""
+    """What is known at a time (s) of an offset (m, east and north) and a lateness (s): means and covariances."""
 
     t: float
-    offset: Vector
-    spread: _Spread
+    means: list[float]
+    spread: list[list[float]]
+
+    def after(self, by: Sequence[float], value: float, variance: float) -> tuple[_Known, float]:
+        """With one number read that is `by` times them: a step of a Kalman filter; and how far it was off, squared,
+        over its variance."""
+        gains = [_product(row, by) for row in self.spread]
+        whole, off = variance + _product(gains, by), value - _product(self.means, by)
+        means = [mean + gain * off / whole for mean, gain in zip(self.means, gains, strict=True)]
+        spread = [
+            [was - gain * other / whole for was, other in zip(row, gains, strict=True)]
+            for row, gain in zip(self.spread, gains, strict=True)
+        ]
+        return _Known(self.t, means, spread), off * off / whole
+
+    def along(self, x: float, y: float) -> float:
+        """Variance of the offset in a direction, m2."""
+        (xx, xy, _), (_, yy, _), _ = self.spread
+        return xx * x * x + 2.0 * xy * x * y + yy * y * y
+
+
+def _product(a: Sequence[float], b: Sequence[float]) -> float:
+    return sum([x * y for x, y in zip(a, b, strict=True)])
 
 
 class _Receiver:
@@ -119,10 +124,9 @@ class _Receiver:
 
     def _begin(self) -> None:
         """Nothing is known of it."""
-        self._offset, self._late_s = (0.0, 0.0), self._late[0]
-        self._spread = _Spread(self._wander**2, 0.0, self._wander**2)
-        self._with_late, self._late_variance = (0.0, 0.0), self._late[1] ** 2
-        """covariances of the offset with the lateness, m s, and its variance, s2"""
+        east_north, late_s, std_s = self._wander**2, *self._late
+        spread = [[east_north, 0.0, 0.0], [0.0, east_north, 0.0], [0.0, 0.0, std_s**2]]
+        self._known = _Known(0.0, [0.0, 0.0, late_s], spread)
         self._kept.clear()
 
     def step(self, now_ns: int, builder: VehicleStateBuilder, line: _Line) -> bool:
@@ -134,56 +138,54 @@ class _Receiver:
         stamp_ns = now_ns - round(NS_PER_S * age_s)
         if stamp_ns == self._stamp_ns:
             return False
-        since_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / NS_PER_S
+        t, since_s = stamp_ns / NS_PER_S, 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / NS_PER_S
         self._stamp_ns = stamp_ns
         read = self._map.to_map_radians(builder.value(self._latitude), builder.value(self._longitude))
-        there = line.at(stamp_ns / NS_PER_S - self._late_s) if read != self._read else None
+        there = line.at(t - self._known.means[2]) if read != self._read else None
         self._read = read
         if there is None:  # it hangs, or there are no fixes
             self._kept.clear()
             return False
         self._compare(read, *there, since_s)
-        self._kept.append(_Known(stamp_ns / NS_PER_S, self._offset, self._spread))
+        self._kept.append(self._known._replace(t=t))
         while self._kept[-1].t - self._kept[0].t > WINDOWS_S[-1]:
             self._kept.popleft()
         return True
 
     def _compare(self, read: Vector, place: Vector, velocity: Vector, since_s: float) -> None:
         """One step of the filter: a reading is where the fixes were `lateness` before, and `offset` beside it."""
-        (xl, yl), ll, (vx, vy) = self._with_late, self._late_variance, velocity
+        _, means, (east, north, late) = self._known
         grown = self._walk * since_s
-        xx, xy, yy = self._spread.xx + grown, self._spread.xy, self._spread.yy + grown
-        # covariances of offset and lateness with what is read, east and north
-        east = xx - vx * xl, xy - vx * yl, xl - vx * ll
-        north = xy - vy * xl, yy - vy * yl, yl - vy * ll
-        noise = self._declared.noise**2
-        spread = _Spread(east[0] - vx * east[2] + noise, north[0] - vx * north[2], north[1] - vy * north[2] + noise)
-        dx, dy = read[0] - place[0] - self._offset[0], read[1] - place[1] - self._offset[1]
-        weighed_x, weighed_y = spread.solve(dx, dy)
-        if dx * weighed_x + dy * weighed_y > GATE**2:  # it has jumped
+        spread = [[east[0] + grown, *east[1:]], [north[0], north[1] + grown, north[2]], late]
+        known, noise, late_s, off = _Known(0.0, means, spread), self._declared.noise**2, means[2], 0.0
+        for axis, by in enumerate(((1.0, 0.0, -velocity[0]), (0.0, 1.0, -velocity[1]))):
+            known, more = known.after(by, read[axis] - place[axis] - velocity[axis] * late_s, noise)
+            off += more
+        if off > GATE**2:  # it has jumped
             self._begin()
             return
-        by_x, by_y, by_late = ((e * weighed_x + n * weighed_y) for e, n in zip(east, north, strict=True))
-        self._offset = self._offset[0] + by_x, self._offset[1] + by_y
-        self._late_s = min(max(self._late_s + by_late, 0.0), self.latest_s)
-        gains = [spread.solve(e, n) for e, n in zip(east, north, strict=True)]
-        taken = [[gx * e + gy * n for e, n in zip(east, north, strict=True)] for gx, gy in gains]
-        self._spread = _Spread(xx - taken[0][0], xy - taken[0][1], yy - taken[1][1])
-        self._with_late, self._late_variance = (xl - taken[0][2], yl - taken[1][2]), ll - taken[2][2]
+        known.means[2] = min(max(known.means[2], 0.0), self.latest_s)
+        self._known = known
 
     @property
     def speaks(self) -> bool:
         """Whether its newest reading is fresh."""
         return bool(self._kept)
 
-    def moved(self, window_s: float) -> tuple[Vector, _Spread]:
-        """How far the filter has moved the offset within a window, m, and with what covariance chance does that: by
-        what has become more certain since then, and what the offset wanders."""
-        now = self._kept[-1]
-        before = self._kept[bisect_left(self._kept, -window_s, key=lambda known: known.t - now.t)]
-        wandered, was, spread = (now.t - before.t) * self._walk, before.spread, now.spread
-        chance = _Spread(was.xx - spread.xx + wandered, was.xy - spread.xy, was.yy - spread.yy + wandered)
-        return (now.offset[0] - before.offset[0], now.offset[1] - before.offset[1]), chance
+    def before(self, window_s: float) -> _Known:
+        """What was known at the beginning of a window."""
+        return self._kept[bisect_left(self._kept, -window_s, key=lambda known: known.t - self._kept[-1].t)]
+
+    def moved(self, window_s: float) -> Vector:
+        """How far the filter has moved the offset since then, m."""
+        (x0, y0, _), (x1, y1, _) = self.before(window_s).means, self._kept[-1].means
+        return x1 - x0, y1 - y0
+
+    def by_chance(self, window_s: float, x: float, y: float) -> float:
+        """With what variance chance moves it in a direction, m2: by what has become more certain since then, and what
+        the offset wanders."""
+        before, now = self.before(window_s), self._kept[-1]
+        return before.along(x, y) - now.along(x, y) + (now.t - before.t) * self._walk
 
 
 class OtherReceivers:
@@ -212,13 +214,13 @@ class OtherReceivers:
     def _judge(self, window_s: float) -> float:
         """Of the bound, what the one shows that has moved less the way of both."""
         both = [receiver.moved(window_s) for receiver in self._receivers]
-        (one, _), (other, _) = both
-        x, y = one[0] + other[0], one[1] + other[1]
+        x, y = (one + other for one, other in zip(*both, strict=True))
         way = math.hypot(x, y)
         if way == 0.0:
             return 0.0
-        variances = [chance.along(x / way, y / way) for _, chance in both]
+        x, y = x / way, y / way
+        variances = [receiver.by_chance(window_s, x, y) for receiver in self._receivers]
         if min(variances) <= 0.0:  # a first reading has moved nothing
             return 0.0
-        ahead = [(x * moved[0] + y * moved[1]) / way for moved, _ in both]
+        ahead = [_product(moved, (x, y)) for moved in both]
         return min(a / math.sqrt(variance) for a, variance in zip(ahead, variances, strict=True)) / BOTH
