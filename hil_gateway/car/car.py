@@ -29,6 +29,7 @@ class Actuators(Model):
     steering_rate: Annotated[float, In("rad/s")] = Field(gt=0, description="of the motor")
     steering_delay: Seconds = Field(ge=0, le=0.5)
     steering_bandwidth: Annotated[float, In("Hz")] = Field(gt=0)
+    angle_delay: Seconds = Field(ge=0, le=0.3, description="road wheel after the angle reported")
     accelerator_rise: Annotated[float, In("1/s")] = Field(gt=0, le=10.0)
     brake_rise: Annotated[float, In("Pa/s")] = Field(gt=0)
     brake_fall: Annotated[float, In("Pa/s")] = Field(gt=0)

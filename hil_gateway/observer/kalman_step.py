@@ -5,7 +5,7 @@ The model is written down once; CasADi derives the Jacobians, and the step of al
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import casadi as ca
 
@@ -14,13 +14,26 @@ from hil_gateway.process.arrays import Expr
 from hil_gateway.process.compiled import EXACT, CompiledFunction, compile_function
 
 
+class Known(NamedTuple):
+    """What is known of the states: mean (n,) and covariance (n, n)."""
+
+    mean: Expr
+    covariance: Expr
+
+    def variance(self, linear: Expr, x: Expr) -> Expr:
+        """Of a function of the states `x` that is nearly linear where they may be."""
+        row = ca.substitute(ca.jacobian(linear, x), x, self.mean)
+        return row @ self.covariance @ row.T
+
+
 class StepModel(Protocol):
-    """Motion and measurements in one period, as functions of n `states`; `judged` of the measurements come last."""
+    """Motion and measurements in one period, as functions of n states `x`; `judged` of the measurements come last.
+    What bends where the states may be is taken as the line that fits it best there."""
 
     states: int
     judged: int
 
-    def after(self, x: Expr) -> Expr:
+    def after(self, x: Expr, known: Known) -> Expr:
         """States one period on, (n,)."""
         ...
 
@@ -28,7 +41,7 @@ class StepModel(Protocol):
         """Variances that the period adds to the states, (n,)."""
         ...
 
-    def shown(self, x: Expr) -> tuple[Expr, ...]:
+    def shown(self, x: Expr, known: Known) -> tuple[Expr, ...]:
         """What the measurements are predicted to show."""
         ...
 
@@ -36,7 +49,7 @@ class StepModel(Protocol):
         """What they do show."""
         ...
 
-    def variances(self, x: Expr) -> tuple[Expr, ...]:
+    def variances(self, x: Expr, known: Known) -> tuple[Expr, ...]:
         """Of their noise in one sample."""
         ...
 
@@ -60,7 +73,7 @@ def step_function(name: str, model: StepModel, given: Expr, gate: float, filters
     fit = step.fit(range(first, count))
     for i in range(first, count):
         step.update(i, uses[i], ca.inf)
-    found = [step.mean, step.covariance, ca.vertcat(*step.off), fit]
+    found = [*step.known, ca.vertcat(*step.off), fit]
     one = ca.Function(name, [mean, covariance, given, uses], [ca.densify(e) for e in found])
     return compile_function(one.map(f"{name}_bank", "serial", filters, [2], []), flags=EXACT)
 
@@ -69,42 +82,40 @@ class _Step:
     """Symbolic mean and covariance, moved on in place."""
 
     def __init__(self, model: StepModel, mean: Expr, covariance: Expr) -> None:
-        self.model, self.mean, self.covariance = model, mean, covariance
+        self.model, self.known = model, Known(mean, covariance)
         self.off: list[Expr] = []
         """in deviations"""
+        self._x = ca.SX.sym("x", model.states)
 
     def predict(self) -> None:
         """One period on."""
-        after, noise = self.model.after(self.mean), self.model.noise(self.mean)
-        F = ca.jacobian(after, self.mean)
-        self.covariance = symmetric(F @ self.covariance @ F.T + ca.diag(noise))
-        self.mean = after
+        after, F = self._around(self.model.after(self._x, self.known))
+        covariance = symmetric(F @ self.known.covariance @ F.T + ca.diag(self._at(self.model.noise(self._x))))
+        self.known = Known(after, covariance)
 
     def fit(self, measurements: range) -> Expr:
         """Chi-square of the measurements."""
-        rows = ca.vertcat(*(self._row(i) for i in measurements))
-        noise = ca.diag(ca.vertcat(*(self.model.variances(self.mean)[i] for i in measurements)))
-        seen, shown = (
-            ca.vertcat(*(values[i] for i in measurements))
-            for values in (self.model.shown(self.mean), self.model.measured())
-        )
-        certainty = ca.inv(rows @ self.covariance @ rows.T + noise)
-        off = shown - seen
-        return off.T @ certainty @ off
+        shown, rows = self._around(ca.vertcat(*(self.model.shown(self._x, self.known)[i] for i in measurements)))
+        noise = ca.diag(self._at(ca.vertcat(*(self.model.variances(self._x, self.known)[i] for i in measurements))))
+        off = ca.vertcat(*(self.model.measured()[i] for i in measurements)) - shown
+        return off.T @ ca.inv(rows @ self.known.covariance @ rows.T + noise) @ off
 
     def update(self, i: int, use: Expr, gate: float) -> None:
         """Judge a measurement, and take it in where it is to be used and within the gate."""
-        off = self.model.measured()[i] - self.model.shown(self.mean)[i]
-        H, variance = self._row(i), self.model.variances(self.mean)[i]
-        shared = self.covariance @ H.T
-        total = H @ shared + variance
+        mean, covariance = self.known
+        shown, H = self._around(self.model.shown(self._x, self.known)[i])
+        off = self.model.measured()[i] - shown
+        shared = covariance @ H.T
+        total = H @ shared + self._at(self.model.variances(self._x, self.known)[i])
         deviation = ca.sqrt(total)
         gain = use * (ca.fabs(off) < gate * deviation) * shared / total
-        self.mean = self.mean + gain * off
-        self.covariance = symmetric(self.covariance - gain @ shared.T)
+        self.known = Known(mean + gain * off, symmetric(covariance - gain @ shared.T))
         self.off.append(off / deviation)
 
-    def _row(self, i: int) -> Expr:
-        """Row of the Jacobian of a measurement here, (1, n)."""
-        x = ca.SX.sym("x", self.mean.numel())
-        return ca.substitute(ca.jacobian(self.model.shown(x)[i], x), x, self.mean)
+    def _at(self, function: Expr) -> Expr:
+        """A function of the states at their mean."""
+        return ca.substitute(function, self._x, self.known.mean)
+
+    def _around(self, function: Expr) -> tuple[Expr, Expr]:
+        """A function of the states at their mean, and its Jacobian there."""
+        return self._at(function), self._at(ca.jacobian(function, self._x))

@@ -10,7 +10,9 @@ an axle makes the specific force (of the whole car, were the other axle like it)
     a_i = mu k_i sqrt(g(v)^2 - a_x^2) tanh(alpha_i / s_i) (1 + e_i)
 
 with g(v) gravity and downforce over the mass, a_x what engine or brakes ask for, k_i the load that they shift, and e_i
-what the model is wrong by: correlated in time, the more uncertain the nearer the tyre is to its limit. From there
+what the model is wrong by, correlated in time. For tanh stands the line that fits it best where the slip angle may be
+(statistical linearisation: A. Gelb, Applied Optimal Estimation, 1974, ch. 6): a tangent is too sure of a car that
+slides. From there
 
     dv_y/dt = a_y - v r - gravity across    dr/dt = m l_f l_r / (L I_z) (a_f - a_r)    a_y = (l_r a_f + l_f a_r) / L
 
@@ -30,18 +32,19 @@ import numpy as np
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.observer.bank import FILTERS, GATE, Bank
-from hil_gateway.observer.kalman_step import step_function
-from hil_gateway.observer.numbers import Sensing, given, numbers_of
+from hil_gateway.observer.kalman_step import Known, step_function
+from hil_gateway.observer.numbers import Given, given, numbers_of
 from hil_gateway.process.arrays import Array, Expr
 from hil_gateway.process.compiled import CompiledFunction
 
 STATES = (
     "side_speed", "yaw_rate", "front_error", "rear_error", "front_slip", "rear_slip", "gravity_error",
-    "steer_zero", "front_slope", "rear_slope", "grip", "gyro_offset", "force_offset", "front_radii", "rear_radii",
+    "steer_zero", "steer_delay", "front_slope", "rear_slope", "grip", "gyro_offset", "force_offset", "front_radii",
+    "rear_radii",
 )  # fmt: skip
 """v_y m/s, r rad/s, e_f, e_r, w_f, w_r rad/s, gravity across that the map lacks m/s2; then what is slow about the car:
-delta_0 rad, s_f, s_r rad, mu, of gyro rad/s and accelerometer m/s2, m_f, m_r 1/m"""
-VY, R, EF, ER, WF, WR, GB, ZERO, SF, SR, MU, GYRO, FORCE, MF, MR = range(len(STATES))
+delta_0 rad, tau s, s_f, s_r rad, mu, of gyro rad/s and accelerometer m/s2, m_f, m_r 1/m"""
+VY, R, EF, ER, WF, WR, GB, ZERO, DELAY, SF, SR, MU, GYRO, FORCE, MF, MR = range(len(STATES))
 FAST = GB + 1
 """so many states are forgotten while the car stands"""
 
@@ -53,6 +56,8 @@ class LateralPeriod(NamedTuple):
     speed: float
     steer: float
     """road-wheel angle"""
+    steer_rate: float
+    """its mean rate over the time by which the road wheels may be late"""
     braking: float
     """m/s2 by both brakes, as declared for their pressures"""
     pushing: float
@@ -73,9 +78,7 @@ class LateralNoise:
     """What the model is wrong by, as standard deviations; beyond what the car folder states. SI."""
 
     force: float = 0.05
-    """of a tyre's force, away from its limit: load transfer across, camber, road"""
-    force_at_limit: float = 0.3
-    """of the same where the tyre slides: a wet patch, temperature, what the peak looks like"""
+    """of a tyre's force: load transfer across, camber, road"""
     force_braked: float = 0.3
     """times (a_x / g)^2: an axle that brakes or drives alone"""
     force_s: float = 0.5
@@ -99,10 +102,6 @@ class LateralNoise:
     """rad/s, per square root of a second: gusts, kerbs"""
     yaw_walk_unknown: float = 1.0
     """the same of a car that does not steer as it reports: 3 rad/s2 for a tenth of a second"""
-    side_walk: float = 0.15
-    """m/s"""
-    side_walk_at_limit: float = 1.0
-    """m/s: what an axle does that slides"""
     gravity: float = 0.7
     """m/s2: banks of 4 deg that the map smooths or lacks"""
     gravity_s: float = 5.0
@@ -111,8 +110,6 @@ class LateralNoise:
     """rad of rear slip angle that a car is driven with at most"""
     slide_s: float = 1.0
     """so long"""
-    slow_walks: tuple[float, ...] = (1e-4, 1e-3, 1e-3, 0.02, 2e-4, 0.02, 2e-4, 2e-4)
-    """of the slow states in their order, per square root of a second: ten minutes move them by their own deviation"""
     least_across: float = 0.3
     """of the grip that is left across under the hardest braking"""
     transferred: float = 0.5
@@ -133,11 +130,12 @@ def prior(car: Car) -> tuple[Array, Array]:
         for axle, b, c in (("f", tyres.bf, tyres.cf), ("r", tyres.br, tyres.cr))
     ]
     unequal = np.sqrt(2.0) * car.std("vehicle.wheel_radius") / vehicle.wheel_radius
-    mean = [0.0] * FAST + [0.0, *slopes, tyres.df, 0.0, 0.0, 0.0, 0.0]
+    mean = [0.0] * FAST + [0.0, car.actuators.angle_delay, *slopes, tyres.df, 0.0, 0.0, 0.0, 0.0]
     std = [
         0.5, 0.1, NOISE.force, NOISE.force, NOISE.slip, NOISE.slip, NOISE.gravity,
-        car.std("sensors.steering_offset") / vehicle.steering_ratio, slopes[0] * spread[0], slopes[1] * spread[1],
-        car.std("tyres.df"), car.std(f"imu.{imu}.rate_offset"), car.std(f"imu.{imu}.acceleration_offset"),
+        car.std("sensors.steering_offset") / vehicle.steering_ratio, car.std("actuators.angle_delay"),
+        slopes[0] * spread[0], slopes[1] * spread[1], car.std("tyres.df"), car.std(f"imu.{imu}.rate_offset"),
+        car.std(f"imu.{imu}.acceleration_offset"),
         unequal / vehicle.track_front, unequal / vehicle.track_rear,
     ]  # fmt: skip
     return np.array(mean), np.array(std)
@@ -149,80 +147,87 @@ class Turning:
     states = len(STATES)
     judged = 2
 
-    def __init__(self, car: Vehicle, sensing: Sensing, period: LateralPeriod) -> None:
-        self.car, self.u, self._sensing = car, period, sensing
+    def __init__(self, given: Given, period: LateralPeriod) -> None:
+        self.car, self.u, self._sensing, self._slow = given.vehicle, period, given.sensing, given.slow
         self._along = ca.fmax(period.braking, period.pushing)
         self._pressed = self.car.pressed(period.speed)
 
-    def after(self, x: Expr) -> Expr:
+    def after(self, x: Expr, known: Known) -> Expr:
         """States one period on."""
         u, states = self.u, _entries(x)
-        states[VY] += u.dt * (self._force(x) - u.speed * x[R] - u.gravity_across - x[GB])
-        states[R] += u.dt * self._turning(x)
+        states[VY] += u.dt * (self._force(x, known) - u.speed * x[R] - u.gravity_across - x[GB])
+        states[R] += u.dt * self._turning(x, known)
         for i, time_s in TIMES.items():
             states[i] *= ca.exp(-u.dt / time_s)
         return ca.vertcat(*states)
 
     def noise(self, x: Expr) -> Expr:
         """Variances that the period adds."""
-        u, n, (front, rear) = self.u, NOISE, self._saturation(x)
+        u, n = self.u, NOISE
         used = self._along / (x[MU] * self._pressed)
         braked, locks = n.force_braked * used**2, n.slip_at_limit * used**4
         coloured = {
-            EF: n.force + n.force_at_limit * front**4 + braked,
-            ER: n.force + n.force_at_limit * rear**4 + braked,
+            EF: n.force + braked, ER: n.force + braked,
             WF: n.slip + (n.slip_per_force * u.braking + locks) * u.speed / self.car.track_front,
             WR: n.slip + (n.slip_per_force * (u.braking + u.pushing) + locks) * u.speed / self.car.track_rear,
             GB: n.gravity,
-        }
+        }  # fmt: skip
         added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in coloured.items()]
-        sliding = n.side_walk**2 + n.side_walk_at_limit**2 * (front**4 + rear**4)
         turning = u.steers * n.yaw_walk**2 + (1.0 - u.steers) * n.yaw_walk_unknown**2
-        return ca.vertcat(sliding * u.dt, turning * u.dt, *added, *(w**2 * u.dt for w in n.slow_walks))
+        return ca.vertcat(0.0, turning * u.dt, *added, *(u.dt * walk for walk in self._slow))
 
-    def shown(self, x: Expr) -> tuple[Expr, ...]:
+    def shown(self, x: Expr, known: Known) -> tuple[Expr, ...]:
         """Both axles' wheels, side slip of the rear axle, gyro, accelerometer."""
         speed = self.u.speed
         slide = (x[VY] - self.car.lr * x[R]) / speed
         wheels = x[R] + x[WF] + speed * x[MF], x[R] + x[WR] + speed * x[MR]
-        return *wheels, slide, x[R] + x[GYRO], self._force(x) + x[FORCE]
+        return *wheels, slide, x[R] + x[GYRO], self._force(x, known) + x[FORCE]
 
     def measured(self) -> tuple[Expr, ...]:
         """The same as reported; no car is driven sideways for long."""
         return self.u.front, self.u.rear, ca.SX(0.0), self.u.yaw_rate, self.u.ay
 
-    def variances(self, x: Expr) -> tuple[Expr, ...]:
+    def variances(self, x: Expr, known: Known) -> tuple[Expr, ...]:
         """An IMU that is turned or ahead of its place feels other forces, too."""
         n, s = NOISE, self._sensing
         wheels = [n.wheels**2 + 2.0 * (s.wheel / track) ** 2 for track in (self.car.track_front, self.car.track_rear)]
-        ay = n.ay**2 + s.force**2 + (s.turn * self._along) ** 2 + (s.ahead * self._turning(x)) ** 2
+        ay = n.ay**2 + s.force**2 + (s.turn * self._along) ** 2 + (s.ahead * self._turning(x, known)) ** 2
         return *wheels, n.slide**2 * n.slide_s / self.u.dt, n.gyro**2 + s.rate**2, ay
 
-    def _saturation(self, x: Expr) -> tuple[Expr, Expr]:
+    def _saturation(self, x: Expr, known: Known) -> tuple[Expr, Expr]:
         """tanh(alpha / s) of both axles."""
         car, u = self.car, self.u
-        front = u.steer + x[ZERO] - (x[VY] + car.lf * x[R]) / u.speed
+        front = u.steer - u.steer_rate * x[DELAY] + x[ZERO] - (x[VY] + car.lf * x[R]) / u.speed
         rear = -(x[VY] - car.lr * x[R]) / u.speed
-        return ca.tanh(front / x[SF]), ca.tanh(rear / x[SR])
+        return saturated(front / x[SF], x, known), saturated(rear / x[SR], x, known)
 
-    def _axles(self, x: Expr) -> tuple[Expr, Expr]:
+    def _axles(self, x: Expr, known: Known) -> tuple[Expr, Expr]:
         """a_f, a_r, m/s2."""
-        car, n, (front, rear) = self.car, NOISE, self._saturation(x)
+        car, n, (front, rear) = self.car, NOISE, self._saturation(x, known)
         limit = x[MU] * self._pressed
         across = ca.sqrt(ca.fmax(limit**2 - self._along**2, (n.least_across * limit) ** 2))
         shifted = n.transferred * car.cg_height * (self.u.braking - self.u.pushing) / self._pressed
         loads = 1.0 + shifted / car.lr, 1.0 - shifted / car.lf
         return across * loads[0] * front * (1.0 + x[EF]), across * loads[1] * rear * (1.0 + x[ER])
 
-    def _force(self, x: Expr) -> Expr:
+    def _force(self, x: Expr, known: Known) -> Expr:
         """a_y, m/s2."""
-        front, rear = self._axles(x)
+        front, rear = self._axles(x, known)
         return (self.car.lr * front + self.car.lf * rear) / self.car.wheelbase
 
-    def _turning(self, x: Expr) -> Expr:
+    def _turning(self, x: Expr, known: Known) -> Expr:
         """dr/dt, rad/s2."""
-        car, (front, rear) = self.car, self._axles(x)
+        car, (front, rear) = self.car, self._axles(x, known)
         return car.mass * car.lf * car.lr / (car.wheelbase * car.yaw_inertia) * (front - rear)
+
+
+def saturated(slip: Expr, x: Expr, known: Known) -> Expr:
+    """tanh of a slip angle over its slope, as the line that fits it best where the slip angle may be: through what the
+    tyre makes at the mean and sqrt(3) deviations to either side (Gauss and Hermite's rule of three points)."""
+    mean = ca.substitute(slip, x, known.mean)
+    deviation = ca.sqrt(3.0 * known.variance(slip, x) + 1e-12)
+    low, middle, high = (ca.tanh(mean + i * deviation) for i in (-1.0, 0.0, 1.0))
+    return (low + 4.0 * middle + high) / 6.0 + (high - low) / (2.0 * deviation) * (slip - mean)
 
 
 def rates_of_wheels(wheels: tuple[float, float, float, float], steer: float, car: Vehicle) -> tuple[float, float]:
@@ -233,14 +238,15 @@ def rates_of_wheels(wheels: tuple[float, float, float, float], steer: float, car
 
 def lateral_bank(car: Car) -> Bank:
     """Filters of `Turning`."""
-    return Bank(_function().twin(), numbers_of(car), prior(car), FAST, Turning.judged)
+    mean, std = prior(car)
+    return Bank(_function().twin(), numbers_of(car, std[FAST:]), (mean, std), FAST, Turning.judged)
 
 
 @cache
 def _function() -> CompiledFunction:
     """For all cars: their numbers are given with the period."""
-    g = given(len(LateralPeriod._fields))
-    return step_function("lateral", Turning(g.vehicle, g.sensing, LateralPeriod(*g.period)), g.all, GATE, FILTERS)
+    g = given(len(LateralPeriod._fields), len(STATES) - FAST)
+    return step_function("lateral", Turning(g, LateralPeriod(*g.period)), g.all, GATE, FILTERS)
 
 
 def _entries(vector: Expr) -> list[Any]:

@@ -16,10 +16,9 @@ import casadi as ca
 import numpy as np
 
 from hil_gateway.car.car import Car
-from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.observer.bank import FILTERS, GATE, Bank
-from hil_gateway.observer.kalman_step import step_function
-from hil_gateway.observer.numbers import Sensing, given, numbers_of
+from hil_gateway.observer.kalman_step import Known, step_function
+from hil_gateway.observer.numbers import Given, given, numbers_of
 from hil_gateway.process.arrays import Array, Expr
 from hil_gateway.process.compiled import CompiledFunction
 
@@ -66,8 +65,6 @@ class LongitudinalNoise:
     """m/s a sample: tread, the turn of the car"""
     ax: float = 0.49
     """m/s2 a sample: pitch of the body"""
-    slow_walks: tuple[float, float, float] = (0.01, 0.01, 0.02)
-    """of gains and offset, per square root of a second"""
 
 
 ANY_SPEED = 100.0
@@ -91,11 +88,11 @@ class Speeding:
     states = len(STATES)
     judged = 1
 
-    def __init__(self, car: Vehicle, sensing: Sensing, period: LongitudinalPeriod) -> None:
-        self.u, self._sensing = period, sensing
+    def __init__(self, given: Given, period: LongitudinalPeriod) -> None:
+        self.u, self._sensing, self._slow, car = period, given.sensing, given.slow, given.vehicle
         self._drag = 0.5 * car.air_density * car.drag_area / car.mass
 
-    def after(self, x: Expr) -> Expr:
+    def after(self, x: Expr, known: Known) -> Expr:
         """States one period on."""
         states = _entries(x)
         states[V] += self.u.dt * (self._force(x) - x[GB])
@@ -111,9 +108,9 @@ class Speeding:
             n.force + n.force_share * asked + 0.5 * u.changed, n.slip + n.slip_share * asked * x[V], n.gravity,
         )  # fmt: skip
         added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in zip(TIMES, deviations, strict=True)]
-        return ca.vertcat(0.0, *added, *(w**2 * u.dt for w in n.slow_walks))
+        return ca.vertcat(0.0, *added, *(u.dt * walk for walk in self._slow))
 
-    def shown(self, x: Expr) -> tuple[Expr, ...]:
+    def shown(self, x: Expr, known: Known) -> tuple[Expr, ...]:
         """Wheels, accelerometer."""
         return x[V] + x[W], self._force(x) + x[OFFSET]
 
@@ -121,7 +118,7 @@ class Speeding:
         """The same as reported."""
         return self.u.wheels, self.u.ax
 
-    def variances(self, x: Expr) -> tuple[Expr, ...]:
+    def variances(self, x: Expr, known: Known) -> tuple[Expr, ...]:
         """Of one sample."""
         return NOISE.wheels**2 + self._sensing.wheel**2, NOISE.ax**2 + self._sensing.force**2
 
@@ -132,15 +129,15 @@ class Speeding:
 
 def longitudinal_bank(car: Car) -> Bank:
     """Filters of `Speeding`."""
-    return Bank(_function().twin(), numbers_of(car), prior(car), FAST, Speeding.judged)
+    mean, std = prior(car)
+    return Bank(_function().twin(), numbers_of(car, std[FAST:]), (mean, std), FAST, Speeding.judged)
 
 
 @cache
 def _function() -> CompiledFunction:
     """For all cars: their numbers are given with the period."""
-    g = given(len(LongitudinalPeriod._fields))
-    period = LongitudinalPeriod(*g.period)
-    return step_function("longitudinal", Speeding(g.vehicle, g.sensing, period), g.all, GATE, FILTERS)
+    g = given(len(LongitudinalPeriod._fields), len(STATES) - FAST)
+    return step_function("longitudinal", Speeding(g, LongitudinalPeriod(*g.period)), g.all, GATE, FILTERS)
 
 
 def _entries(vector: Expr) -> list[Any]:

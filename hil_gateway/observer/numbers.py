@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import casadi as ca
 
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.process.arrays import Expr
+from hil_gateway.process.arrays import Array, Expr
 
 
 class Sensing(NamedTuple):
@@ -21,11 +22,16 @@ class Sensing(NamedTuple):
     wheel: Expr
 
 
-def numbers_of(car: Car) -> list[float]:
-    """Of `Vehicle`, then of `Sensing`."""
+SLOW_S = 600.0
+"""s in which what is slow about a car (tyres, pads, offsets) moves by as much as it differed at first"""
+
+
+def numbers_of(car: Car, slow: Array) -> list[float]:
+    """Of `Vehicle`, of `Sensing`, and variances a second of slow states whose first deviations are `slow`."""
     name, imu = next(iter(car.imus.items()))
     noise = imu.rate_noise, imu.acceleration_noise, car.sensors.wheel_speed_noise
-    return [*car.vehicle.model_dump().values(), car.std(f"imu.{name}.yaw"), car.std(f"imu.{name}.x"), *noise]
+    mounting = car.std(f"imu.{name}.yaw"), car.std(f"imu.{name}.x")
+    return [*car.vehicle.model_dump().values(), *mounting, *noise, *(slow**2 / SLOW_S)]
 
 
 class Given(NamedTuple):
@@ -35,13 +41,14 @@ class Given(NamedTuple):
     period: list[Any]
     vehicle: Vehicle
     sensing: Sensing
+    slow: list[Any]
 
 
-def given(reported: int) -> Given:
-    """`reported`: numbers of a period."""
-    names = list(Vehicle.model_fields)
-    vector = ca.SX.sym("given", reported + len(names) + len(Sensing._fields))
-    symbols: list[Any] = list(ca.vertsplit(vector))
-    car, sensing = symbols[reported : reported + len(names)], symbols[reported + len(names) :]
+def given(reported: int, slow: int) -> Given:
+    """`reported`: numbers of a period; `slow`: of states."""
+    names, counts = list(Vehicle.model_fields), [reported, len(Vehicle.model_fields), len(Sensing._fields), slow]
+    vector = ca.SX.sym("given", sum(counts))
+    symbols: Iterator[Any] = iter(ca.vertsplit(vector))
+    period, car, sensing, walks = ([next(symbols) for _ in range(count)] for count in counts)
     vehicle = Vehicle.model_construct(**dict(zip(names, car, strict=True)))
-    return Given(vector, symbols[:reported], vehicle, Sensing(*sensing))
+    return Given(vector, period, vehicle, Sensing(*sensing), walks)

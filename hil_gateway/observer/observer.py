@@ -52,6 +52,9 @@ class Observer:
         self._declared: list[float] = lateral.prior(car)[0].tolist()
         self._lateral, self._longitudinal = lateral.lateral_bank(car), longitudinal.longitudinal_bank(car)
         self._asked: deque[float] = deque(maxlen=ACTS_WITHIN)
+        late_s = car.actuators.angle_delay + 2.0 * car.std("actuators.angle_delay")
+        self._steered: deque[float] = deque(maxlen=max(round(late_s / PERIOD_S), 1) + 1)
+        """road-wheel angles of the time by which the wheels may be late, rad"""
         self.runs = False
         """whether the car is fast enough"""
         self._forget()
@@ -83,6 +86,7 @@ class Observer:
         """`speed` of the car, and with which its wheels have `rolled`, m/s; `gravity_across` as the map has it, m/s2;
         whether the `imu` reports; whether what contradicts the rest `judges` it: steering, pedals and tyres are what
         they are taken for; whether the car `steers` as `acts` says."""
+        self._steered.append(acts.steer)
         self._asked.append(acts.pushing - acts.braking)
         self._forget()
         self.runs = speed > SLOWEST
@@ -94,8 +98,8 @@ class Observer:
         speeds = state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
         front, rear = lateral.rates_of_wheels(speeds, steer, self._vehicle)
         turning = lateral.LateralPeriod(
-            PERIOD_S, speed, steer, braking, pushing, gravity_across, front, rear, state.yaw_rate, state.ay,
-            float(steers),
+            PERIOD_S, speed, steer, self._steer_rate, braking, pushing, gravity_across, front, rear,
+            state.yaw_rate, state.ay, float(steers),
         )  # fmt: skip
         changed = max(self._asked) - min(self._asked)
         self._lateral.step(turning, (wheels, wheels, True), imu)
@@ -104,6 +108,12 @@ class Observer:
         )
         if judges and steers:
             self._judge(wheels, imu)
+
+    @property
+    def _steer_rate(self) -> float:
+        """Over the time by which the wheels may be late, rad/s."""
+        steered = self._steered
+        return (steered[-1] - steered[0]) / (PERIOD_S * max(len(steered) - 1, 1))
 
     def _judge(self, wheels: bool, imu: bool) -> None:
         """The IMU where those that judge it agree; the wheels by all the others."""
