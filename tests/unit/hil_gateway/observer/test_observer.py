@@ -10,11 +10,14 @@ import random
 from collections.abc import Callable
 from dataclasses import replace
 
+import casadi as ca
 import pytest
 from support.cars.scripted_car import reported_state
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
+from hil_gateway.observer.kalman_step import Known
+from hil_gateway.observer.lateral import saturated
 from hil_gateway.observer.observer import Acts, Observer
 
 CONFIG = Config()
@@ -33,10 +36,14 @@ def state() -> VehicleState:
 
 
 class Drive:
-    """A car that weaves, with noise on all that it reports; `zero` is the true steering angle less the reported one."""
+    """A car that weaves, with noise on all that it reports; `zero` is the true steering angle less the reported one,
+    which is `late_s` ahead of it; `weaves` are amplitude (rad) and frequency (rad/s) of the steering."""
 
-    def __init__(self, state: VehicleState, zero: float = 0.0) -> None:
-        self._state, self._zero, self._rng = state, zero, random.Random(3)
+    def __init__(
+        self, state: VehicleState, zero: float = 0.0, late_s: float = 0.0, weaves: tuple[float, float] = (0.012, 1.2)
+    ) -> None:
+        self._state, self._zero, self._late_s, self._weaves = state, zero, late_s, weaves
+        self._rng = random.Random(3)
         self.observer, self._t, self._vy, self._r = Observer(CONFIG), 0.0, 0.0, 0.0
 
     def run(
@@ -63,9 +70,10 @@ class Drive:
         return self._r
 
     def _reported(self) -> dict[str, float]:
-        steer, ay, draw = 0.012 * math.sin(1.2 * self._t), 0.0, self._rng.gauss
+        (far, fast), ay, draw = self._weaves, 0.0, self._rng.gauss
+        steer, late = (far * math.sin(fast * t) for t in (self._t, self._t - self._late_s))
         for _ in range(10):
-            front = FRONT * (steer + self._zero - (self._vy + CAR.lf * self._r) / SPEED)
+            front = FRONT * (late + self._zero - (self._vy + CAR.lf * self._r) / SPEED)
             rear = -REAR * (self._vy - CAR.lr * self._r) / SPEED
             ay = (front + rear) / CAR.mass
             self._vy += 1e-3 * (ay - SPEED * self._r)
@@ -91,6 +99,20 @@ def test_a_steering_zero_is_learnt_and_no_fault(state: VehicleState, zero: float
     imu, wheels = drive.run(12.0)
     assert drive.observer.steer_zero == pytest.approx(zero, abs=0.001)
     assert max(imu, wheels) < 1.0
+
+
+def test_a_steering_later_than_it_reports_is_learnt_and_makes_no_imu_wrong(state: VehicleState) -> None:
+    assert Drive(state, late_s=0.1, weaves=(0.02, 5.0)).run(5.0)[0] < 0.3
+
+
+@pytest.mark.parametrize(("mean", "deviation"), [(0.0, 0.1), (0.3, 0.8), (-1.0, 0.5), (2.0, 1.0)])
+def test_a_tyre_is_as_stiff_as_it_is_on_average_where_its_slip_may_be(mean: float, deviation: float) -> None:
+    draw, x = random.Random(5), ca.SX.sym("x")
+    slips = [draw.gauss(mean, deviation) for _ in range(20_000)]
+    line = saturated(x, x, Known(ca.SX(mean), ca.SX(deviation**2)))
+    height, slope = (float(ca.evalf(ca.substitute(e, x, mean))) for e in (line, ca.jacobian(line, x)))
+    assert height == pytest.approx(sum(map(math.tanh, slips)) / len(slips), abs=0.03)
+    assert slope == pytest.approx(sum(1.0 - math.tanh(slip) ** 2 for slip in slips) / len(slips), abs=0.05)
 
 
 @pytest.mark.parametrize("signs", [(-1.0, -1.0, -1.0), (1.0, -1.0, -1.0)])
