@@ -37,7 +37,7 @@ class StepModel(Protocol):
         """States one period on, (n,)."""
         ...
 
-    def noise(self, x: Expr) -> Expr:
+    def noise(self, x: Expr, known: Known) -> Expr:
         """Variances that the period adds to the states, (n,)."""
         ...
 
@@ -90,8 +90,8 @@ class _Step:
     def predict(self) -> None:
         """One period on."""
         after, F = self._around(self.model.after(self._x, self.known))
-        covariance = symmetric(F @ self.known.covariance @ F.T + ca.diag(self._at(self.model.noise(self._x))))
-        self.known = Known(after, covariance)
+        noise = ca.diag(self._at(self.model.noise(self._x, self.known)))
+        self.known = Known(after, symmetric(F @ self.known.covariance @ F.T + noise))
 
     def fit(self, measurements: range) -> Expr:
         """Chi-square of the measurements."""

@@ -16,7 +16,8 @@ slides. From there
 
     dv_y/dt = a_y - v r - gravity across    dr/dt = m l_f l_r / (L I_z) (a_f - a_r)    a_y = (l_r a_f + l_f a_r) / L
 
-Wheels of an axle show r + v m + w: m of unequal rolling radii, w of unequal slip where engine or brakes act.
+Wheels of an axle show r + v m + w: m of unequal rolling radii, w of unequal slip where engine or brakes act, the more
+the less grip the force across leaves (friction circle).
 """
 
 from __future__ import annotations
@@ -110,8 +111,8 @@ class LateralNoise:
     """rad of rear slip angle that a car is driven with at most"""
     slide_s: float = 1.0
     """so long"""
-    least_across: float = 0.3
-    """of the grip that is left across under the hardest braking"""
+    least_left: float = 0.3
+    """of the grip that a tyre has left one way where all of it seems to be used the other way"""
     transferred: float = 0.5
     """of the load that engine and brakes shift which a tyre turns into grip: it grows less than its load"""
 
@@ -161,15 +162,15 @@ class Turning:
             states[i] *= ca.exp(-u.dt / time_s)
         return ca.vertcat(*states)
 
-    def noise(self, x: Expr) -> Expr:
+    def noise(self, x: Expr, known: Known) -> Expr:
         """Variances that the period adds."""
-        u, n = self.u, NOISE
+        u, n, (front, rear) = self.u, NOISE, self._saturation(x, known)
         used = self._along / (x[MU] * self._pressed)
         braked, locks = n.force_braked * used**2, n.slip_at_limit * used**4
         coloured = {
             EF: n.force + braked, ER: n.force + braked,
-            WF: n.slip + (n.slip_per_force * u.braking + locks) * u.speed / self.car.track_front,
-            WR: n.slip + (n.slip_per_force * (u.braking + u.pushing) + locks) * u.speed / self.car.track_rear,
+            WF: n.slip + (n.slip_per_force * u.braking / left(front) + locks) * u.speed / self.car.track_front,
+            WR: n.slip + (n.slip_per_force * (u.braking + u.pushing) / left(rear) + locks) * u.speed / self.car.track_rear,
             GB: n.gravity,
         }  # fmt: skip
         added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in coloured.items()]
@@ -205,7 +206,7 @@ class Turning:
         """a_f, a_r, m/s2."""
         car, n, (front, rear) = self.car, NOISE, self._saturation(x, known)
         limit = x[MU] * self._pressed
-        across = ca.sqrt(ca.fmax(limit**2 - self._along**2, (n.least_across * limit) ** 2))
+        across = limit * left(self._along / limit)
         shifted = n.transferred * car.cg_height * (self.u.braking - self.u.pushing) / self._pressed
         loads = 1.0 + shifted / car.lr, 1.0 - shifted / car.lf
         return across * loads[0] * front * (1.0 + x[EF]), across * loads[1] * rear * (1.0 + x[ER])
@@ -228,6 +229,11 @@ def saturated(slip: Expr, x: Expr, known: Known) -> Expr:
     deviation = ca.sqrt(3.0 * known.variance(slip, x) + 1e-12)
     low, middle, high = (ca.tanh(mean + i * deviation) for i in (-1.0, 0.0, 1.0))
     return (low + 4.0 * middle + high) / 6.0 + (high - low) / (2.0 * deviation) * (slip - mean)
+
+
+def left(used: Expr) -> Expr:
+    """Share of the grip that a tyre has left along where it has `used` this share of it across, and the reverse."""
+    return ca.sqrt(ca.fmax(1.0 - used**2, NOISE.least_left**2))
 
 
 def rates_of_wheels(wheels: tuple[float, float, float, float], steer: float, car: Vehicle) -> tuple[float, float]:

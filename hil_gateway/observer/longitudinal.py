@@ -100,7 +100,7 @@ class Speeding:
             states[i] *= ca.exp(-self.u.dt / time_s)
         return ca.vertcat(*states)
 
-    def noise(self, x: Expr) -> Expr:
+    def noise(self, x: Expr, known: Known) -> Expr:
         """Variances that the period adds; a force that changes acts some tenths of a second later, or not yet."""
         u, n = self.u, NOISE
         asked = u.braking + u.pushing
