@@ -167,10 +167,11 @@ class Turning:
         u, n, (front, rear) = self.u, NOISE, self._saturation(x, known)
         used = self._along / (x[MU] * self._pressed)
         braked, locks = n.force_braked * used**2, n.slip_at_limit * used**4
+        slips = [n.slip_per_force * along for along in (u.braking, u.braking + u.pushing)]
         coloured = {
             EF: n.force + braked, ER: n.force + braked,
-            WF: n.slip + (n.slip_per_force * u.braking / left(front) + locks) * u.speed / self.car.track_front,
-            WR: n.slip + (n.slip_per_force * (u.braking + u.pushing) / left(rear) + locks) * u.speed / self.car.track_rear,
+            WF: n.slip + (slips[0] / left(front) + locks) * u.speed / self.car.track_front,
+            WR: n.slip + (slips[1] / left(rear) + locks) * u.speed / self.car.track_rear,
             GB: n.gravity,
         }  # fmt: skip
         added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in coloured.items()]
