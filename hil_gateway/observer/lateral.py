@@ -143,7 +143,7 @@ def prior(car: Car) -> tuple[Array, Array]:
 
 
 class Turning:
-    """The model of one period; see `kalman_step.Model`."""
+    """The model of one period; see `kalman_step.StepModel`."""
 
     states = len(STATES)
     judged = 2

@@ -67,8 +67,6 @@ class LongitudinalNoise:
     """m/s2 a sample: pitch of the body"""
 
 
-ANY_SPEED = 100.0
-"""m/s: the wheels tell it"""
 NOISE = LongitudinalNoise()
 TIMES = {E: NOISE.force_s, W: NOISE.slip_s, GB: NOISE.gravity_s}
 
@@ -78,12 +76,15 @@ def prior(car: Car) -> tuple[Array, Array]:
     train, imu = car.powertrain, next(iter(car.imus))
     brakes = car.std("powertrain.brake_force_per_pa") / train.brake_force_per_pa
     mean = [0.0] * FAST + [1.0, 1.0, 0.0]
-    std = [ANY_SPEED, NOISE.force, NOISE.slip, NOISE.gravity, brakes, brakes, car.std(f"imu.{imu}.acceleration_offset")]
+    std = [
+        car.actuators.speed_max, NOISE.force, NOISE.slip, NOISE.gravity,
+        brakes, brakes, car.std(f"imu.{imu}.acceleration_offset"),
+    ]  # fmt: skip
     return np.array(mean), np.array(std)
 
 
 class Speeding:
-    """The model of one period; see `kalman_step.Model`."""
+    """The model of one period; see `kalman_step.StepModel`."""
 
     states = len(STATES)
     judged = 1

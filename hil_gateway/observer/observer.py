@@ -15,8 +15,6 @@ from hil_gateway.settings.gateway import PERIOD_S
 SLOWEST = 10.0
 """m/s: slower, tyres answer within a period, noise turns the course of the fixes, and engine braking, clutch and creep
 are as large as what is judged"""
-ACTS_WITHIN = 25
-"""periods in which engine and brakes act at last, by what they report"""
 
 
 def _bound(chance: float) -> float:
@@ -30,6 +28,11 @@ def _bound(chance: float) -> float:
 
 
 BOUND = _bound(CHANCE)
+
+
+def _lately(delay_s: float, deviation_s: float) -> deque[float]:
+    """For what was reported since what hardly any car is later than."""
+    return deque(maxlen=max(round((delay_s + 2.0 * deviation_s) / PERIOD_S), 1) + 1)
 
 
 class Acts(NamedTuple):
@@ -51,9 +54,9 @@ class Observer:
         self._vehicle = car.vehicle
         self._declared: list[float] = lateral.prior(car)[0].tolist()
         self._lateral, self._longitudinal = lateral.lateral_bank(car), longitudinal.longitudinal_bank(car)
-        self._asked: deque[float] = deque(maxlen=ACTS_WITHIN)
-        late_s = car.actuators.angle_delay + 2.0 * car.std("actuators.angle_delay")
-        self._steered: deque[float] = deque(maxlen=max(round(late_s / PERIOD_S), 1) + 1)
+        self._asked = _lately(car.actuators.force_delay, car.std("actuators.force_delay"))
+        """m/s2 by engine and brakes, of the time by which forces may be late"""
+        self._steered = _lately(car.actuators.angle_delay, car.std("actuators.angle_delay"))
         """road-wheel angles of the time by which the wheels may be late, rad"""
         self.runs = False
         """whether the car is fast enough"""
