@@ -29,7 +29,7 @@ class Actuators(Model):
     steering_rate: Annotated[float, In("rad/s")] = Field(gt=0, description="of the motor")
     steering_delay: Seconds = Field(ge=0, le=0.5)
     steering_bandwidth: Annotated[float, In("Hz")] = Field(gt=0)
-    angle_delay: Seconds = Field(ge=0, le=0.3, description="road wheel after the angle reported")
+    angle_delay: Seconds = Field(ge=0, le=0.3, description="road wheel after the reported angle")
     accelerator_rise: Annotated[float, In("1/s")] = Field(gt=0, le=10.0)
     brake_rise: Annotated[float, In("Pa/s")] = Field(gt=0)
     brake_fall: Annotated[float, In("Pa/s")] = Field(gt=0)
@@ -245,9 +245,12 @@ class _File:
         if unknown := sorted(set(self._tree) - set(SECTIONS) - {"name", "imu", "receiver"}):
             known = f"name, {', '.join(SECTIONS)}, imu, receiver"
             raise PlatformError(f"{path}: unknown key {unknown[0]}; known are {known}")
-        train, tyres = self._tree.get("powertrain"), self._tree.get("tyres")
+        train, tyres, acts = (self._tree.get(key) for key in ("powertrain", "tyres", "actuators"))
         if isinstance(train, dict) and isinstance(tyres, dict) and "cx" in tyres:
             train.setdefault("force_per_drive", tyres["cx"])
+        if isinstance(acts, dict) and isinstance(late := acts.get("steering_delay"), dict):
+            unknown_delay = {"value": 0.0, "std": late.get("value"), "unit": late.get("unit")}
+            acts.setdefault("angle_delay", unknown_delay | {"source": "not given: as late as the steering is at most"})
 
     def name(self) -> str:
         name = self._tree.get("name")

@@ -73,6 +73,16 @@ def test_a_mistake_in_the_numbers_is_named(tmp_path: Path, old: str, new: str, c
     assert str(caught.value).startswith(f"{folder}/car.toml: ")
 
 
+def test_where_the_lateness_of_the_wheels_is_not_given_it_is_as_unknown_as_the_steering_is_late(tmp_path: Path) -> None:
+    folder = tmp_path / "car"
+    shutil.copytree(SHIPPED / "av24", folder)
+    lines = (folder / "car.toml").read_text().splitlines(keepends=True)
+    (folder / "car.toml").write_text("".join(line for line in lines if not line.startswith("angle_delay")))
+    car = load_car(str(folder))
+    assert car.actuators.angle_delay == 0.0
+    assert car.std("actuators.angle_delay") == car.actuators.steering_delay == 0.04
+
+
 def test_a_parameter_without_a_name_is_called_by_its_symbol_once():
     assert label("cx") == "drive stiffness C_x (cx), N"
     assert label("steer_timing.tau") == "steer timing.tau"
