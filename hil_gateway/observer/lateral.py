@@ -108,7 +108,7 @@ class LateralNoise:
     gravity_s: float = 5.0
     """its time constant: 300 m of road"""
     slide: float = 0.15
-    """rad of rear slip angle that a car is driven with at most"""
+    """rad of rear slip angle that a car is driven with at most; half of it moves the steering zero in long bends"""
     slide_s: float = 1.0
     """so long"""
     least_left: float = 0.3
