@@ -19,7 +19,7 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.car.actuation import Actuation
 from hil_gateway.car.states import CtState
 from hil_gateway.config import Config
-from hil_gateway.gateway.act.actor import Actor, Found
+from hil_gateway.gateway.act.actor import Actor, Period
 from hil_gateway.gateway.decide.conditions import Conditions
 from hil_gateway.gateway.decide.decision import Decision, Situation, decide
 from hil_gateway.gateway.decide.failsafe import ROWS, Failsafe, Inputs
@@ -236,11 +236,10 @@ class Gateway:
         """Ladder and actuator commands on the wire, and what was sent on the bus."""
         decision, command = self.decision, self.inbox.gate.newest
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
-        found = Found(
-            self._tyres.flat_front, self._tyres.flat_rear, self.monitors.blind, self.monitors.steering_reversed,
-            caution_speed(self.builder, self._caution_speed),
-        )  # fmt: skip
-        sent, limited = self._actor.step(now_ns, state, motion, decision, command, pose, found)
+        sent, limited = self._actor.step(Period(
+            now_ns, state, motion, decision, command, pose, self._tyres.flat_front, self._tyres.flat_rear,
+            self.monitors.blind, self.monitors.steering_reversed, caution_speed(self.builder, self._caution_speed),
+        ))  # fmt: skip
         self._reporter.measure_latency(now_ns, decision, command)
         self._bus.publish(topics.APPLIED, self._actor.applied(now_ns, self._seq, state, decision, sent, limited))
         self._seq += 1

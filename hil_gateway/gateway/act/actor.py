@@ -39,9 +39,15 @@ UNBRAKED = ("pedals_stuck", "commands_unanswered")
 """causes for which the brakes, or some of them, may not work"""
 
 
-class Found(NamedTuple):
-    """What is known of the car and its way that changes how it is driven."""
+class Period(NamedTuple):
+    """What the actuators of one period go by."""
 
+    now_ns: int
+    state: VehicleState
+    motion: Motion
+    decision: Decision
+    command: Command | None
+    pose: Pose | None
     flat_front: bool
     flat_rear: bool
     """whether a tyre of that axle is flat"""
@@ -66,7 +72,6 @@ class Actor:
         self._mass_per_force = config.vehicle.mass / config.powertrain.force_per_drive
         self._full_brakes = config.powertrain.hardest_braking / config.powertrain.force_per_drive
         """slip-ratio drive command"""
-        self._found = Found(False, False, False, False, config.gateway.caution_speed)
         self._drag_force = partial(config.powertrain.drag_force, wheel_radius=config.vehicle.wheel_radius)
         self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
         self._limits = Limits(config.car, config.gateway.limits.within(config.car))
@@ -99,23 +104,17 @@ class Actor:
         self._stuck.start()
         self._axles.start()
 
-    def step(  # noqa: PLR0917 - a period
-        self, now_ns: int, state: VehicleState, motion: Motion, decision: Decision, command: Command | None,
-        pose: Pose | None, found: Found,
-    ) -> tuple[bool, tuple[str, ...]]:  # fmt: skip
+    def step(self, now: Period) -> tuple[bool, tuple[str, ...]]:
         """Send this period's commands; whether all left, and the limits that changed them."""
-        self._found = found
-        self.stopping.flat, self.stopping.blind = found.flat_front or found.flat_rear, found.blind
-        armed, self._holding = decision.failsafe.armed, decision.holding
+        self.stopping.flat, self.stopping.blind = now.flat_front or now.flat_rear, now.blind
+        armed, self._holding = now.decision.failsafe.armed, now.decision.holding
         if self._hill is not None:
-            self._hill.watch(state, self.on_wire)
-        if not armed and not decision.holding:
-            self._stand(self._limits.resting(self._actuation.to_steering_motor(state.steer)))
+            self._hill.watch(now.state, self.on_wire)
+        if not armed and not self._holding:
+            self._stand(self._limits.resting(self._actuation.to_steering_motor(now.state.steer)))
             return False, ()
-        if armed:
-            wanted = self._wanted(now_ns, state, motion, decision, command, pose)
-        else:  # the steering stays where it is
-            wanted = self._parked(self.on_wire.steering_motor, self.on_wire.gear)
+        still = self.on_wire.steering_motor, self.on_wire.gear
+        wanted = self._wanted(now) if armed else self._parked(*still)
         stands, limited = self._limits.apply(wanted, self._on_wire)
         sent = False
         if self._transmits:  # in shadow as if it had left
@@ -130,49 +129,46 @@ class Actor:
         self._holding = True
         return ActuatorPositions(steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
 
-    def _wanted(  # noqa: PLR0917 - a period
-        self, now_ns: int, state: VehicleState, motion: Motion, decision: Decision, command: Command | None,
-        pose: Pose | None,
-    ) -> ActuatorPositions:  # fmt: skip
-        gear = self._gears.step(now_ns, motion.speed, state.engine_speed, state.gear)
+    def _wanted(self, now: Period) -> ActuatorPositions:
+        state, motion, command = now.state, now.motion, now.command
+        gear = self._gears.step(now.now_ns, motion.speed, state.engine_speed, state.gear)
         self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor), motion)
         self._axles.watch(state, self.on_wire)
-        driving = decision.action is FailsafeAction.DRIVE
+        driving = now.decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
-            return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S, self._full_steering)
+            return actuator_test.position((now.now_ns - now.decision.silent_ns) / NS_PER_S, self._full_steering)
         balance = None  # a stop brakes as declared, whatever the planner asked for before
         if driving and command is not None:
-            steer, drive = command.steer, self._paced(command.drive, motion.speed, decision)
-            balance = command.brake_balance
+            steer, drive, balance = command.steer, self._paced(command.drive, now), command.brake_balance
             if self._hill is not None and self._hill.holds(state, drive / self._mass_per_force):
                 return self._parked(self._actuation.to_steering_motor(steer), gear)
         else:
-            steer, drive = self._stop(state, motion, decision, pose)
+            steer, drive = self._stop(now)
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         lateral = self.stopping.lateral
         if not driving and lateral is not None:
-            flat = self._found.flat_front, self._found.flat_rear
-            wanted = self._axles.step(wanted, AxleDemand(lateral, *flat, self._drag_force(state.gear)), state, motion)
+            demand = AxleDemand(lateral, now.flat_front, now.flat_rear, self._drag_force(state.gear))
+            wanted = self._axles.step(wanted, demand, state, motion)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return self._parked(wanted.steering_motor, gear)
 
-    def _stop(self, state: VehicleState, motion: Motion, decision: Decision, pose: Pose | None) -> tuple[float, float]:
+    def _stop(self, now: Period) -> tuple[float, float]:
         """Road-wheel angle (rad) and slip-ratio drive command of a stop."""
-        cause = decision.failsafe.cause
-        emergency = decision.action is FailsafeAction.EMERGENCY_STOP or cause in HARD
-        steers = cause != "steering_stuck" or self._found.steering_reversed or self._stuck.steers(motion)
+        cause, motion, pose = now.decision.failsafe.cause, now.motion, now.pose
+        emergency = now.decision.action is FailsafeAction.EMERGENCY_STOP or cause in HARD
+        steers = cause != "steering_stuck" or now.steering_reversed or self._stuck.steers(motion)
         held = not steers and self._stuck.stands
         steer, drive = self.stopping.command(motion, pose, emergency, not held, brakes=cause not in UNBRAKED)
         if not steers:
             drive = -self._full_brakes if self._stuck.locks(motion, pose) else drive
-        return (-steer if self._found.steering_reversed else steer), drive
+        return (-steer if now.steering_reversed else steer), drive
 
-    def _paced(self, drive: float, speed: float, decision: Decision) -> float:
+    def _paced(self, drive: float, now: Period) -> float:
         """Slip-ratio drive command of which no more is left, under yellow flags, than leads to the caution speed."""
-        if decision.race_control.ct_state is not CtState.CAUTION:
+        if now.decision.race_control.ct_state is not CtState.CAUTION:
             return drive
-        wanted = max((self._found.caution_speed - speed) / CAUTION_S, -CAUTION_DECELERATION)
+        wanted = max((now.caution_speed - now.motion.speed) / CAUTION_S, -CAUTION_DECELERATION)
         return min(drive, self._mass_per_force * wanted)
 
     def applied(  # noqa: PLR0917 - what a message says
