@@ -107,16 +107,13 @@ class StuckSteering:
         """Least distance of a wheel to the edge until the car stands, m, negative off the road: rolling on along an arc
         that becomes tighter as understeer goes with the speed, then sliding straight on."""
         s, lateral = track.project(pose.x, pose.y)
-        least, since_s, turned = math.inf, 0.0, math.tan(self._angles[-1][0])
-        while pose.speed > 0.0 and least > -NEAR:
+        least, since_s, speed, turned = math.inf, 0.0, pose.speed, math.tan(self._angles[-1][0])
+        while speed > 0.0 and least > -NEAR:
             least = min(least, track.inside(s, lateral) - self._vehicle.half_width)
-            grip, way, bend = self._grip(pose.speed), STEP_S * pose.speed, 0.0
-            if since_s < slides_after_s:
-                bend = turned * self._vehicle.turns(pose.speed, understeer) / pose.speed
-                slows = beside(bend * pose.speed**2, grip)
-            else:
-                slows = SLIDING * grip
-            pose = pose.onward(way, way * bend)._replace(speed=pose.speed - STEP_S * slows)
+            rolls, grip = since_s < slides_after_s, self._grip(speed)
+            turns = turned * self._vehicle.turns(speed, understeer) if rolls else 0.0
+            pose = pose.onward(STEP_S * speed, STEP_S * turns)
+            speed -= STEP_S * (beside(turns * speed, grip) if rolls else SLIDING * grip)
             s, lateral = track.project(pose.x, pose.y, s)
             since_s += STEP_S
         return least
