@@ -31,7 +31,6 @@ MOVES: tuple[Move, ...] = (
     Move("brake_rear", 5.0 * PRESSED),
     Move("accelerator", 0.05),
 )
-DURATION_S = len(MOVES) * 4 * PHASE_S
 
 
 def position(elapsed_s: float, steering_range: float) -> ActuatorPositions:

@@ -11,6 +11,8 @@ from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.config import Config
 from hil_gateway.gateway.act import actuator_test
 
+DURATION_S = len(actuator_test.MOVES) * 4 * actuator_test.PHASE_S
+
 
 def rig_in(mode: str) -> Rig:
     return Rig(Config.model_validate({"gateway": {"mode": mode}}))
@@ -54,7 +56,7 @@ def run_test(rig: Rig, seconds: float) -> list[dict[str, float]]:
 
 def test_actuator_test_moves_one_actuator_at_a_time_and_little():
     rig = rig_in("actuator_test")
-    frames = run_test(rig, actuator_test.DURATION_S + 1.0)
+    frames = run_test(rig, DURATION_S + 1.0)
     names = ("steering_motor_ang_cmd", "F_brake_pressure_cmd", "R_brake_pressure_cmd", "acc_pedal_cmd")
     seen = {name: [frame[name] for frame in frames if name in frame] for name in names}
     extremes = {name: (min(values), max(values)) for name, values in seen.items()}
@@ -97,7 +99,7 @@ def test_an_engine_that_starts_ends_the_test():
     assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "engine_running")
 
 
-@pytest.mark.parametrize("elapsed_s", [-1.0, 0.0, actuator_test.DURATION_S, 1e9])
+@pytest.mark.parametrize("elapsed_s", [-1.0, 0.0, DURATION_S, 1e9])
 def test_at_rest_outside_the_moves(elapsed_s):
     rest = actuator_test.position(elapsed_s, 4.0)
     assert (rest.steering_motor, rest.accelerator, rest.brake_front, rest.brake_rear) == (0, 0, 0, 0)
