@@ -81,7 +81,7 @@ class LateralNoise:
     force: float = 0.05
     """of a tyre's force: load transfer across, camber, road"""
     force_braked: float = 0.3
-    """times (a_x / g)^2: an axle that brakes or drives alone"""
+    """times the square of the share of its grip that an axle may brake or drive with: the other one does less"""
     force_s: float = 0.5
     """its time constant: a bend takes longer, a bump less"""
     slip: float = 0.01
@@ -165,13 +165,16 @@ class Turning:
     def noise(self, x: Expr, known: Known) -> Expr:
         """Variances that the period adds."""
         u, n, (front, rear) = self.u, NOISE, self._saturation(x, known)
-        used = self._along / (x[MU] * self._pressed)
-        braked, locks = n.force_braked * used**2, n.slip_at_limit * used**4
+        acts = u.braking, ca.fmax(u.braking, u.pushing)  # the engine drives the rear wheels
+        braked, locks = (
+            [size * (a / (x[MU] * self._pressed)) ** power for a in acts]
+            for size, power in ((n.force_braked, 2), (n.slip_at_limit, 4))
+        )
         slips = [n.slip_per_force * along for along in (u.braking, u.braking + u.pushing)]
         coloured = {
-            EF: n.force + braked, ER: n.force + braked,
-            WF: n.slip + (slips[0] / left(front) + locks) * u.speed / self.car.track_front,
-            WR: n.slip + (slips[1] / left(rear) + locks) * u.speed / self.car.track_rear,
+            EF: n.force + braked[0], ER: n.force + braked[1],
+            WF: n.slip + (slips[0] / left(front) + locks[0]) * u.speed / self.car.track_front,
+            WR: n.slip + (slips[1] / left(rear) + locks[1]) * u.speed / self.car.track_rear,
             GB: n.gravity,
         }  # fmt: skip
         added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in coloured.items()]

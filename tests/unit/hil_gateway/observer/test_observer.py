@@ -47,12 +47,18 @@ class Drive:
         self.observer, self._t, self._vy, self._r = Observer(CONFIG), 0.0, 0.0, 0.0
 
     def run(
-        self, seconds: float, change: Change = dict, *, steers: bool = True, braking: float = 0.0
+        self,
+        seconds: float,
+        change: Change = dict,
+        *,
+        steers: bool = True,
+        braking: float = 0.0,
+        pushed: float = PUSHED,
     ) -> tuple[float, float]:
         """Largest shares of chance that the IMU and one axle' wheels came to; with `braking` (m/s2) the car becomes
         slower in the wheels' speeds and for the IMU alone."""
         imu = wheels = 0.0
-        pushed = 0.0 if braking else PUSHED
+        pushed = 0.0 if braking else pushed
         for tick in range(round(100 * seconds)):
             reported = self._reported()
             slower = {name: value - 0.01 * tick * braking for name, value in reported.items() if "wheel" in name}
@@ -129,6 +135,15 @@ def test_one_wheel_that_is_wrong_is_found_at_once(state: VehicleState, wheel: st
     drive.run(10.0)
     assert drive.observer.wheel_off < 1.0
     drive.run(0.05, lambda now: now | {wheel: 0.7 * now[wheel]})
+    assert drive.observer.wheel_off > 1.0
+
+
+def test_under_full_throttle_front_wheels_are_judged_as_when_they_roll(state: VehicleState) -> None:
+    drive = Drive(state)
+    drive.run(10.0)
+    drive.run(2.0, pushed=12.0)
+    assert drive.observer.wheel_off < 1.0
+    drive.run(0.05, lambda now: now | {"wheel_speed_fl": 0.95 * now["wheel_speed_fl"]}, pushed=12.0)
     assert drive.observer.wheel_off > 1.0
 
 
