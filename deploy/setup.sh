@@ -20,35 +20,12 @@ run() {
 wanted=$(cat "$root/requirements.lock" "$root/pyproject.toml" <(echo "$root") | sha256sum)
 if [ -x "$venv/bin/hil" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ]; then exit 0; fi
 
-# Whether every locked package has a wheel for an interpreter
-fits() { "$1" -c 'import sys; raise SystemExit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null; }
-
-# us an interpreter takes for calls like those that the processes make most
-takes_us() {
-    "$1" -c '
-import ensurepip, timeit
-class Probe:
-    def state(self, k): return {"speed": k, "turn": self.turn(k)}
-    def turn(self, k): return min(k + 1.0, 2.0 * k)
-print(round(1e6 * min(timeit.repeat("probe.state(1.0)", number=20000, repeat=7, globals={"probe": Probe()}))))
-' 2>/dev/null
-}
-
-# Of the interpreters of this name the quickest that can make a .venv: builds of one version differ by half
-quickest() {
-    local path us
-    type -ap "$1" | xargs -rn 1 readlink -f | sort -u | while read -r path; do
-        if us=$(takes_us "$path"); then echo "$us $path"; fi
-    done | sort -n | sed -n '1s/[0-9]* //p'
-}
-
-# An interpreter to use; nothing when there is none
+# An interpreter that every locked package has a wheel for; nothing when there is none
 find_python() {
-    local name path
+    local name
     for name in python3.11 python3.12 python3.13 python3; do
-        if fits "$name"; then
-            path=$(quickest "$name")
-            echo "${path:-$name}"
+        if "$name" -c 'import sys; raise SystemExit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null; then
+            echo "$name"
             return
         fi
     done
