@@ -82,6 +82,8 @@ class Actor:
         self._axles = AxleBrakes(car, config.gateway.stop.lateral_grip)
         self._holding = False
         """whether the brakes hold the standing car, whatever a command asks for"""
+        self._commands = False
+        """whether the car was commanded in the period before"""
         self.sent = self.limited = 0
 
     @property
@@ -110,8 +112,10 @@ class Actor:
         armed, self._holding = now.decision.failsafe.armed, now.decision.holding
         if self._hill is not None:
             self._hill.watch(now.state, self.on_wire)
-        if not armed and not self._holding:
+        if not self._commands:  # they begin where the steering is
             self._stand(self._limits.resting(self._actuation.to_steering_motor(now.state.steer)))
+        self._commands = armed or self._holding
+        if not self._commands:
             return False, ()
         still = self.on_wire.steering_motor, self.on_wire.gear
         wanted = self._wanted(now) if armed else self._parked(*still)

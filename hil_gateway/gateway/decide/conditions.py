@@ -112,7 +112,7 @@ class Conditions:
             ladder_inputs(self._builder, now_ns, state),
             CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
             self._sends,
-            self._alone(now_ns) and self._holds and state.sys_state in OBEYS_BRAKES,
+            self._alone(now_ns) and self._holds and _obeys(state),
         )
 
     def measures(
@@ -233,6 +233,12 @@ def _requested(request: OperatorAction | None, state: VehicleState, comes_in: bo
 
 def _holds(condition: bool) -> float:
     return HOLDS if condition else 0.0
+
+
+def _obeys(state: VehicleState) -> bool:
+    """Whether the car obeys brakes, and has said where the steering is that goes out with them."""
+    steering = state.sources.get("steering")
+    return state.sys_state in OBEYS_BRAKES and steering is not None and steering.age_s is not None
 
 
 def _stalled(state: VehicleState) -> bool:

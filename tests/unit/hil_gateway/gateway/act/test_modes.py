@@ -135,3 +135,21 @@ def test_a_person_who_drives_is_nobody_s_emergency(mode):
     rig.run(1.0)
     assert rig.status.cause == ""
     assert rig.car.heard == []
+
+
+def test_brakes_hold_from_when_the_steering_is_known_on_and_leave_it_where_it_is():
+    rig = rig_in("armed")
+    rig.car.sys_state = 9
+    rig.car.overrides |= dict.fromkeys(
+        ("primary_steering_angle_fbk", "secondary_steering_ang_fdbk", "average_steering_ang_fdbk"), 12.0
+    )
+    rig.car.muted = {"steering_report", "steering_report_extd", "steering_report_extd_2"}
+    rig.run(0.5)
+    assert rig.frames() == []
+    rig.car.muted = set()
+    rig.run(0.5)
+    codec = load_codec()
+    sent = [codec.decode_raw(frame.id, frame.data) for _, frame in rig.frames()]
+    assert {values["F_brake_pressure_cmd"] > 0.0 for values in sent if "F_brake_pressure_cmd" in values} == {True}
+    steering = [values["steering_motor_ang_cmd"] for values in sent if "steering_motor_ang_cmd" in values]
+    assert len(steering) > 40 and steering == pytest.approx([12.0] * len(steering), abs=0.1)
