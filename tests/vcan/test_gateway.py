@@ -14,8 +14,10 @@ import socket
 import struct
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -57,20 +59,36 @@ def gateway(shared_channel: str, tmp_path_factory: pytest.TempPathFactory) -> It
     gateway.close()
 
 
-def dumped(channel: str, seconds: float) -> list[tuple[float, int, bytes]]:
-    """(time s, identifier, data) of everything candump hears within so long of the first frame."""
-    with subprocess.Popen(["candump", "-L", channel], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        text = process.stdout.readline()
-        time.sleep(seconds)
-        process.send_signal(signal.SIGINT)
-        text += process.stdout.read()
-    rows = re.findall(r"\((\d+\.\d+)\) \w+ ([0-9A-F]+)#([0-9A-F]*)", text)
-    first = float(rows[0][0])
-    return [(float(t), int(i, 16), bytes.fromhex(data)) for t, i, data in rows if float(t) <= first + seconds]
+Rows = list[tuple[float, int, bytes]]
+"""(time s, identifier, data)"""
 
 
-def decoded(rows: list[tuple[float, int, bytes]], name: str) -> list[dict[str, float]]:
+@contextmanager
+def candump(channel: str) -> Iterator[Callable[[float], Rows]]:
+    """candump listens until the block ends; the function returns the traffic of the next so many seconds.
+
+    Started before the planner drives: a new process can hold this one up for longer than a command may be late. Waits
+    until a later frame was heard: someone must be talking.
+    """
+    with tempfile.NamedTemporaryFile() as file, subprocess.Popen(["candump", "-L", channel], stdout=file) as process:
+
+        def heard(seconds: float) -> Rows:
+            first, rows = time.time(), Rows()
+            while not rows or rows[-1][0] < first + seconds:
+                assert process.poll() is None
+                time.sleep(0.05)
+                text = re.findall(r"\((\d+\.\d+)\) \w+ ([0-9A-F]+)#([0-9A-F]*)\n", Path(file.name).read_text())
+                rows = [(float(t), int(i, 16), bytes.fromhex(data)) for t, i, data in text]
+            return [row for row in rows if first <= row[0] <= first + seconds]
+
+        try:
+            heard(0.0)
+            yield heard
+        finally:
+            process.send_signal(signal.SIGINT)
+
+
+def decoded(rows: Rows, name: str) -> list[dict[str, float]]:
     message = PEER.get_message_by_name(name)
     return [message.decode(data, decode_choices=False) for _, frame_id, data in rows if frame_id == message.frame_id]
 
@@ -115,9 +133,9 @@ def test_state_on_zenoh_is_what_cantools_encoded(gateway: Gateway, log: Path) ->
 
 @pytest.mark.promise("S5")
 def test_nothing_but_race_control_and_brakes_is_said_before_arming(gateway: Gateway, log: Path) -> None:
-    with played_car(log), planner(gateway, steer=STEER, drive=0.01):
+    with played_car(log), candump(gateway.channel) as heard, planner(gateway, steer=STEER, drive=0.01):
         gateway.wait(gateway.valid)
-        rows = dumped(gateway.channel, 0.5)
+        rows = heard(0.5)
     from_us = {frame_id for _, frame_id, _ in rows} - {PEER.get_message_by_name(name).frame_id for name in REPORTS}
     assert from_us <= {0x57C, 0x57D, 0x57E, 0x5AA} | ACTUATORS
     assert decoded(rows, "brake_pressure_cmd")[-1]["F_brake_pressure_cmd"] == 2145, "half of its weight by each axle"
@@ -136,7 +154,7 @@ def disarm(gateway: Gateway) -> None:
     gateway.wait(silent, 30)
 
 
-def driven(gateway: Gateway) -> list[tuple[float, int, bytes]]:
+def driven(gateway: Gateway, heard: Callable[[float], Rows]) -> Rows:
     """Traffic while driving; tried again when a starved machine made the failsafe stop, as it must."""
 
     def armed() -> bool:
@@ -150,7 +168,7 @@ def driven(gateway: Gateway) -> list[tuple[float, int, bytes]]:
     for _ in range(20):
         gateway.wait(armed, 30)
         time.sleep(0.2)  # the rate limits have let the command arrive
-        rows = dumped(gateway.channel, 0.5)
+        rows = heard(0.5)
         if gateway.acts(FailsafeAction.DRIVE)():
             return rows
         disarm(gateway)
@@ -160,13 +178,13 @@ def driven(gateway: Gateway) -> list[tuple[float, int, bytes]]:
 @pytest.mark.promise("S4")
 def test_commands_on_the_bus_are_those_of_the_planner_and_stop_with_it(gateway: Gateway, log: Path) -> None:
     """Armed by a person: counters advance by one, 10 ms apart. Planner dead: brakes, steering held."""
-    with played_car(log):
+    with played_car(log), candump(gateway.channel) as heard:
         with planner(gateway, steer=STEER, drive=0.01):
-            rows = driven(gateway)
+            rows = driven(gateway, heard)
         gateway.wait(gateway.acts(FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP))
-        after = dumped(gateway.channel, 0.5)
+        after = heard(0.5)
         disarm(gateway)
-        silent = dumped(gateway.channel, 0.3)
+        silent = heard(0.3)
     assert set(ACTUATORS) <= {frame_id for _, frame_id, _ in rows}
     for name, counter in COMMAND_COUNTERS.items():
         counts = [int(values[counter]) for values in decoded(rows, name)]
@@ -276,19 +294,23 @@ def test_the_check_agrees_with_candump(shared_channel: str, log: Path) -> None:
     command = [sys.executable, "-m", "hil_gateway", "gateway", "check", "--seconds", "2", "--json"]
     command += ["--channel", shared_channel]
     pipe = subprocess.PIPE
-    with played_car(log), subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as check:
+    with (
+        played_car(log),
+        candump(shared_channel) as heard,
+        subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as check,
+    ):
         assert check.stderr is not None
         assert "nothing is sent" in check.stderr.readline()
-        rows = dumped(shared_channel, 2.0)
+        rows = heard(2.0)
         said, why_not = check.communicate(timeout=60)
     assert said, why_not
     report = json.loads(said)
-    heard = {row["id"]: row["hz"] for row in report["messages"] if row["frames"]}
+    rates = {row["id"]: row["hz"] for row in report["messages"] if row["frames"]}
     dumped_ids = {frame_id for _, frame_id, _ in rows}
-    assert {PEER.get_message_by_name(name).frame_id for name in REPORTS} <= set(heard) <= dumped_ids
+    assert {PEER.get_message_by_name(name).frame_id for name in REPORTS} <= set(rates) <= dumped_ids
     duration = rows[-1][0] - rows[0][0]
     for frame_id in (0x70, 0x514, 0x546):
         rate = sum(other == frame_id for _, other, _ in rows) / duration
-        assert heard[frame_id] == pytest.approx(rate, rel=0.15)
+        assert rates[frame_id] == pytest.approx(rate, rel=0.15)
     assert report["interface"]["kind"] == "vcan"
     assert not [row for row in report["messages"] if row["name"] in REPORTS and row["verdict"] == "fail"]
