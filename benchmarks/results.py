@@ -4,17 +4,20 @@
 
 puts the newest run of a command under its heading, in the place of the one before, and writes the page anew. FILE is
 what the command wrote as JSON: `summary.json` of `hil campaign laps` or `cars`, the report of `hil verify
---fault-survey --json`, or the cases of `benchmarks.diagnosis.diagnose --json`. Without arguments the pages are written
-anew.
+--fault-survey --json`, that of `benchmarks.faults.least_noticed`, or the cases of `benchmarks.diagnosis.diagnose
+--json`. Without arguments the pages are written anew.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import shlex
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from benchmarks.campaign.laps import commit
@@ -83,6 +86,24 @@ def fault_rows(report: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:
     return columns, ((*map(str, (single["stops"], off, physics, unnoticed)), kept, tracks, both, false),)
 
 
+def least_rows(places: Sequence[dict[str, Any]]) -> tuple[tuple[str, ...], Rows]:
+    """Of every error at every place the least size that is noticed: an error a row."""
+    columns = ("error", "noticed at every place from", "at half of them from", "after, median", "mostly by")
+    by_error: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for place in places:
+        by_error.setdefault((place["source"], place["unit"]), []).append(place)
+
+    def row(source: str, unit: str, of: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+        found = [place for place in of if place["size"] is not None]
+        sizes = sorted([place["size"] for place in found] + [math.inf] * (len(of) - len(found)))
+        named = (f"{size:.2g} {unit}" if math.isfinite(size) else "-" for size in (sizes[-1], sizes[len(of) // 2]))
+        causes = Counter(place["cause"] for place in found).most_common(1)
+        after = f"{median(place['after_s'] for place in found):.2f} s" if found else "-"
+        return source, *named, after, causes[0][0] if causes else "-"
+
+    return columns, tuple(row(*error, of) for error, of in by_error.items())
+
+
 def lap_rows(summary: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:
     """Of a campaign: lap time over the car's own limit, a car a row."""
     columns = ("car", "track", "lap 1", "lap 3", "last lap", "second session", "off the road, spins")
@@ -128,6 +149,7 @@ def diagnosis_rows(cases: Sequence[dict[str, Any]]) -> tuple[tuple[str, ...], Ro
 
 READERS: dict[str, Callable[[Any], tuple[tuple[str, ...], Rows]]] = {
     "faults": fault_rows,
+    "least": least_rows,
     "laps": lap_rows,
     "effects": car_rows,
     "diagnosis": diagnosis_rows,

@@ -98,8 +98,8 @@ class Run:
     loop: Loop
     config: Config
     injector: SimulatedFault
-    faults: Pair
-    seed: int
+    faults: Pair = ()
+    seed: int = 0
 
     def simulate(self) -> dict[str, Any]:
         """A `FaultResult`, until the car stands, or nothing has happened for `WATCHED_S`."""
@@ -122,6 +122,21 @@ class Run:
         name = THEN.join(fault.name for fault in self.faults)
         margin = referee.worst_margin_m
         return asdict(FaultResult(name, begin_s, speed, noticed_s, cause, standing, margin, before))
+
+    def stopped(self, at_s: float) -> FaultResult:
+        """Of a loop that has stopped by itself."""
+        loop = self.loop
+        cause, margin = loop.gateway.failsafe.cause, loop.plant.referee.worst_margin_m
+        return FaultResult(NOTHING.name, at_s, loop.plant.car["vx"], 0.0, cause, False, margin, margin)
+
+    def noticed(self, fault: CarFault, within_s: float) -> tuple[float | None, str]:
+        """When and why a stop begins, None where none does within the time."""
+        loop, end_s = self.loop, self.loop.elapsed_s + within_s
+        self._begin(fault)
+        while loop.elapsed_s < end_s and not self._stopping:
+            loop.step()
+        after_s = loop.elapsed_s - end_s + within_s
+        return (after_s, loop.gateway.failsafe.cause) if self._stopping else (None, "")
 
     def why_off(self, result: FaultResult) -> dict[str, str]:
         """Why the car of `result` left the road, by the plant alone, and the stop that would not have."""
@@ -170,21 +185,28 @@ def from_places(
 ) -> Iterator[FaultResult]:
     """The faults of every place, each in a forked copy of the running loop; the last result is that of the loop itself
     where it stops without a fault."""
-    injector = SimulatedFault()
-    estimator = {"learn": learn, "relinearise": learn}
-    config = Config.model_validate({"track": track, "estimator": estimator})
-    loop = Loop(config, faults=injector, simulated=car)
-    for until_s, drawn in places:
-        while loop.elapsed_s < until_s and not loop.result.failsafes:
-            loop.step()
-        if loop.result.failsafes:
-            cause, margin = loop.gateway.failsafe.cause, loop.plant.referee.worst_margin_m
-            yield FaultResult(NOTHING.name, until_s, loop.plant.car["vx"], 0.0, cause, False, margin, margin)
+    drives = running(track, car, [at_s for at_s, _ in places], learn)
+    for (at_s, drawn), alone in zip(places, drives, strict=False):
+        if alone.loop.result.failsafes:
+            yield alone.stopped(at_s)
             return
         for seed, pair in drawn:
-            run = Run(loop, config, injector, pair, seed)
+            run = replace(alone, faults=pair, seed=seed)
             result = FaultResult(**in_a_copy(run.simulate))
             yield result if result.margin_m >= 0.0 else replace(result, **in_a_copy(partial(run.why_off, result)))
+
+
+def running(track: str, car: SimulatedCar | None, times_s: Sequence[float], learn: bool = True) -> Iterator[Run]:
+    """The running loop after so many s of driving each, without a fault; the last one is where it stops by itself."""
+    injector = SimulatedFault()
+    config = Config.model_validate({"track": track, "estimator": {"learn": learn, "relinearise": learn}})
+    run = Run(Loop(config, faults=injector, simulated=car), config, injector)
+    for until_s in times_s:
+        while run.loop.elapsed_s < until_s and not run.loop.result.failsafes:
+            run.loop.step()
+        yield run
+        if run.loop.result.failsafes:
+            return
 
 
 def run_campaign(points: int, tracks: Sequence[str] = TRACKS, seed: int = 0) -> dict[str, Any]:

@@ -71,18 +71,22 @@ def _dithering(values: Values, memory: Memory) -> Values:
     return {name: value + memory.rng.gauss(0, 1e-2) for name, value in _frozen(values, memory).items()}
 
 
-def _north(metres: Callable[[Memory], float]) -> Alter:
+def north(metres: Callable[[Memory], float]) -> Alter:
+    """A fix that is so far north of where the car is."""
+
     def alter(values: Values, memory: Memory) -> Values:
         return values | {"novatel_lat": values["novatel_lat"] + metres(memory) / EARTH_M}
 
     return alter
 
 
-def _scaled(factor: float, *names: str) -> Alter:
+def scaled(factor: float, *names: str) -> Alter:
+    """Signals times a factor."""
     return lambda values, memory: values | {name: factor * values[name] for name in names if name in values}
 
 
-def _plus(offset: float, *names: str) -> Alter:
+def plus(offset: float, *names: str) -> Alter:
+    """Signals off by so much, in their SI units."""
     return lambda values, memory: values | {name: values[name] + offset for name in names if name in values}
 
 
@@ -129,14 +133,14 @@ _FLAT = ("tyre_flat", "wheel_speed_wrong", "off_road")
 CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault("position missing", POSITION, ("position_lost",), 1.1, "its age", _lost),
     CarFault("position repeats its last fix", POSITION, _FIX, 0.4, "way by wheels and gyro", _frozen),
-    CarFault("position steps by 4 m", POSITION, _FIX, 0.4, "way by wheels and gyro", _north(lambda m: 4.0)),
+    CarFault("position steps by 4 m", POSITION, _FIX, 0.4, "way by wheels and gyro", north(lambda m: 4.0)),
     CarFault(
         "position ramps by 5 m/s",
         POSITION,
         (*_FIX, "off_road"),
         2.0,
         "way by wheels and gyro",
-        _north(lambda m: 5 * m.t),
+        north(lambda m: 5 * m.t),
     ),
     CarFault(
         "position drifts by 0.5 m/s",
@@ -144,18 +148,18 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         (*_FIX, "off_road"),
         3.0,
         "two other receivers (`marelli_gps_*`, MyLaps), whose offsets and lateness are learnt",
-        _north(lambda m: 0.5 * m.t),
+        north(lambda m: 0.5 * m.t),
     ),
     CarFault("position 0.1 s late", POSITION, _FIX, 0.6, "way by wheels and gyro, above 30 m/s", None, delay_s=0.1),
     CarFault("position 0.3 s late", POSITION, _FIX, 0.8, "way by wheels and gyro", None, delay_s=0.3),
     CarFault("position 0.5 s late", POSITION, _FIX, 1.0, "way by wheels and gyro", None, delay_s=0.5),
     CarFault(
         "position noisy by 1 m", POSITION, _FIX, 4.0, "way by wheels and gyro, scatter across it",
-        _north(lambda m: m.rng.gauss(0, 1.0))
+        north(lambda m: m.rng.gauss(0, 1.0))
     ),
     CarFault(
         "second sender of positions", POSITION, (*_FIX, "sender_doubled"), 1.2, "frames a second",
-        twice=_north(lambda m: 3.0)
+        twice=north(lambda m: 3.0)
     ),
     CarFault("IMU missing", IMU, ("state_invalid",), 0.15, "its age", _lost),
     CarFault("IMU frozen", IMU, ("state_invalid",), 0.35, "noise changes the last bit of every frame", _frozen),
@@ -163,14 +167,14 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         "IMU constant with dither", IMU, _MOTION, 6.0, "its own noise; steering, wheels, pedals, when they move",
         _dithering
     ),
-    CarFault("IMU near zero", IMU, _MOTION, 6.0, "a step; its own noise", _scaled(0.02, *INERTIAL)),
+    CarFault("IMU near zero", IMU, _MOTION, 6.0, "a step; its own noise", scaled(0.02, *INERTIAL)),
     CarFault(
         "IMU sign flipped", IMU, _MOTION, 6.0,
         "a step; steering and wheels in the next bend, or engine, brakes and wheels",
-        _scaled(-1.0, *INERTIAL)
+        scaled(-1.0, *INERTIAL)
     ),
     CarFault(
-        "yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "a step; steering and wheels", _plus(0.3, "imu_yaw_rate")
+        "yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "a step; steering and wheels", plus(0.3, "imu_yaw_rate")
     ),
     CarFault("wheel speeds missing", WHEELS, ("state_invalid",), 0.15, "their age", _lost),
     CarFault("wheel speeds frozen", WHEELS, ("state_invalid",), 0.35, "noise changes the last bit", _frozen),
@@ -180,7 +184,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         ("wheel_speed_wrong", "acceleration_wrong", "yaw_rate_wrong"),
         0.7,
         "the other three",
-        _scaled(0.0, "wheel_speed_RL"),
+        scaled(0.0, "wheel_speed_RL"),
     ),
     CarFault(
         "one front wheel speed at 70 %",
@@ -188,7 +192,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         ("wheel_speed_wrong", "acceleration_wrong", "yaw_rate_wrong"),
         1.0,
         "the other three",
-        _scaled(0.7, "wheel_speed_FR"),
+        scaled(0.7, "wheel_speed_FR"),
     ),
     CarFault(
         "wheel speeds at 80 %",
@@ -196,7 +200,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         (*_FIX, "off_road", "acceleration_wrong", "wheel_speed_wrong"),
         1.5,
         "way between fixes, change of speed by the IMU",
-        _scaled(0.8, "wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR"),
+        scaled(0.8, "wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR"),
     ),
     CarFault(
         "wheel speeds left and right swapped", WHEELS, (), math.inf, "the mean of an axle stays right: harmless",
@@ -216,7 +220,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         ("steering_stuck", "state_invalid"),
         0.6,
         "its command",
-        _plus(math.radians(15), *ANGLES),
+        plus(math.radians(15), *ANGLES),
     ),
     CarFault(
         "steering stuck",
@@ -245,7 +249,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "IMU turned by 180 deg", IMU, _MOTION, 6.0,
         "a step; steering and wheels in the next bend, or engine, brakes and wheels",
-        _scaled(-1.0, "imu_ax", "imu_ay"),
+        scaled(-1.0, "imu_ax", "imu_ay"),
     ),
     CarFault(
         "latitude and longitude swapped", POSITION, ("position_lost", *_FIX), 1.1, "no place of the map", _turned_map
@@ -257,12 +261,12 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "second sender of wheel speeds", WHEELS, ("sender_doubled", "wheel_speed_wrong", *_MOTION, "state_invalid"),
         1.2, "frames a second",
-        twice=_scaled(0.9, "wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR"),
+        twice=scaled(0.9, "wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR"),
     ),
     CarFault(
         "steering angle sign flipped", STEERING, ("steering_stuck", "state_invalid"), 6.0,
         "its command, once it is 4 deg",
-        _scaled(-1.0, *ANGLES),
+        scaled(-1.0, *ANGLES),
     ),
     CarFault(
         "steering reversed", (), ("steering_stuck", "off_road"), 3.0,
@@ -313,7 +317,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "left wheel speeds at 80 %", WHEELS, ("wheel_speed_wrong", *_MOTION), 6.0,
         "the right ones, gyro and lateral force, once the brakes are off",
-        _scaled(0.8, "wheel_speed_FL", "wheel_speed_RL"),
+        scaled(0.8, "wheel_speed_FL", "wheel_speed_RL"),
     ),
 )  # fmt: skip
 

@@ -37,3 +37,11 @@ def test_a_car_counts_as_kept_where_it_drives_its_laps_on_the_road_and_unstopped
     off = drive | {"off_track": 2, "worst_margin_m": -0.15}
     page = keep("effects", "Three cars", {"drives": [drive, stopped, off]}, "hil campaign cars")
     assert "| oval | 3 | 1 | 1 | 1 | -0.15 m |" in page.markdown()
+
+
+def test_an_error_that_one_place_does_not_notice_has_no_size_that_every_place_does() -> None:
+    place = {"source": "position off at once by", "unit": "m", "size": 0.9, "after_s": 0.4, "cause": "position_wrong"}
+    other = place | {"size": 1.4, "after_s": 0.2}
+    page = keep("least", "Two cars", [place, other, other | {"source": "late by", "size": None}], "least_noticed 1")
+    assert "| position off at once by | 1.4 m | 1.4 m | 0.30 s | position_wrong |" in page.markdown()
+    assert "| late by | - | - | - | - |" in page.markdown()
