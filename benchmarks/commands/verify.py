@@ -125,7 +125,10 @@ def _drive_healthy(hours: float, tracks: dict[str, Any]) -> dict[str, Any]:
     results = []
     for result in campaign.drives(3600.0 * hours, **tracks):
         results.append(result)
-        typer.echo(f"{result.track}, car {result.car}: {result.seconds:.0f} s, {result.stops or 'no stop'}", err=True)
+        effects = "".join(f", {name} {size:.3g}" for name, size in result.effects.items())
+        typer.echo(
+            f"{result.track}, car {result.car}{effects}: {result.seconds:.0f} s, {result.stops or 'no stop'}", err=True
+        )
     report: dict[str, Any] = campaign.summary(results)
     return {**report, "ok": not report["false_stops"]}
 

@@ -1,5 +1,8 @@
 """Drives without a fault: random cars that the declared model does not fit, realistic noise, no stop allowed.
 
+Ten cars differ from their data sheet alone, the others have every effect of the simulated car and every two of them
+beside that, dealt before anything is driven.
+
 What every monitor comes to is kept: how near its difference comes to its bound, and how long it holds against the time
 after which it stops the car. Bounds are set by these figures.
 """
@@ -7,19 +10,26 @@ after which it stops the car. Bounds are set by these figures.
 from __future__ import annotations
 
 import math
+import random
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 from benchmarks.driving.random_car import random_car
 from hil_gateway.config import Config
 from hil_gateway.gateway.decide.failsafe import TABLE
+from hil_gateway.plant.physics.effects import SWITCHES
 from hil_gateway.settings.gateway import PERIOD_S
 from planner.simulation.loop import Loop
 
 TRACKS = ("road_course", "oval", "tri_oval")
 DRIVE_S = 120.0
 """of one car, from when it is armed"""
+WITHOUT = 10
+"""cars without an effect in a round"""
+LEAST_SIZE = 0.5
+"""of the size that campaigns give an effect, at least"""
 JUDGED = (
     "position_wrong", "wheel_speed_wrong", "yaw_rate_wrong", "acceleration_wrong", "steering_stuck", "pedals_stuck",
     "commands_unanswered", "position_lost", "off_road", "wrong_way",
@@ -34,6 +44,7 @@ class HealthyDrive:
 
     track: str
     car: int
+    effects: dict[str, float]
     seconds: float = 0.0
     stops: list[tuple[float, str, str]] = field(default_factory=list)
     """(time, action, cause)"""
@@ -52,6 +63,23 @@ class HealthyDrive:
         return bool(self.stops) and not self.off_road
 
 
+def deal(seed: int) -> dict[str, float]:
+    """Effects of the car with this seed and their sizes: none, one or two."""
+    names = sorted(SWITCHES)
+    round_: list[tuple[str, ...]] = [()] * WITHOUT + [(name,) for name in names] + list(combinations(names, 2))
+    random.Random(0).shuffle(round_)
+    rng = random.Random(seed)
+    return {name: _size(name, rng) for name in round_[seed % len(round_)]}
+
+
+def _size(name: str, rng: random.Random) -> float:
+    """Either way, but for a road: that is the map's, or flatter."""
+    switch = SWITCHES[name]
+    mirrored = switch.low < 0.0 and not name.startswith("road_") and rng.random() < 0.5
+    size = (-1.0 if mirrored else 1.0) * switch.example * rng.uniform(LEAST_SIZE, 1.0)
+    return min(max(size, switch.low), switch.high)
+
+
 def drive(track: str, seed: int, seconds: float = DRIVE_S) -> HealthyDrive:
     """One random car on one track; every second car is learnt on the way."""
     settings = {
@@ -59,7 +87,9 @@ def drive(track: str, seed: int, seconds: float = DRIVE_S) -> HealthyDrive:
         "plant": {"seed": seed},
         "estimator": {"learn": seed % 2 == 1},
     }
-    loop, result = Loop(Config.model_validate(settings), simulated=random_car(seed)), HealthyDrive(track, seed)
+    result = HealthyDrive(track, seed, deal(seed))
+    car = random_car(seed).model_copy(update={"effects": result.effects})
+    loop = Loop(Config.model_validate(settings), simulated=car)
     slips: deque[float] = deque(maxlen=round(1.0 / PERIOD_S))
     while loop.elapsed_s < seconds + 10.0 and not result.stops:
         loop.step()
@@ -93,7 +123,7 @@ def summary(results: list[HealthyDrive]) -> dict[str, object]:
     return {
         "hours": round(sum(r.seconds for r in results) / 3600.0, 3),
         "cars": len(results),
-        "false_stops": [[r.track, r.car, *r.stops[0], round(r.slip, 3)] for r in results if r.false_stop],
+        "false_stops": [[r.track, r.car, r.effects, *r.stops[0], round(r.slip, 3)] for r in results if r.false_stop],
         "left_the_road": sum(r.off_road for r in results),
         "largest_share_of_bound": {name: round(value, 3) for name, value in sorted(shares.items())},
         "longest_share_of_time": {name: round(value, 3) for name, value in sorted(held.items())},
