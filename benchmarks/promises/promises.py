@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -234,6 +235,9 @@ A promise without a test fails the test suite. The usual run, part of every `dep
 where that takes long, and its verdict is about that part. `hil verify --long` does all.
 """
 
+LINE = 400
+"""characters of figures that are read; `hil verify --json` has all"""
+
 
 def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dict[str, Any]]) -> str:
     """`docs/promises.md`; `long` is what `keep_long` keeps."""
@@ -253,14 +257,16 @@ def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dic
         cells += [f"{whole['verdict']} ({runs.index(whole['run']) + 1})" if whole else "not run"]
         lines.append(f"| {' | '.join(cells)} |")
     lines += ["", "Figures of the long run where there is one, else of the usual run:", ""]
-    lines += [_reached(promise.id, evidence[promise.id].figures, long.get(promise.id)) for promise in PROMISES]
+    lines += [_reached(promise.id, evidence[promise.id], long.get(promise.id)) for promise in PROMISES]
     return "\n".join(lines) + "\n"
 
 
-def _reached(name: str, usual: list[str], whole: dict[str, Any] | None) -> str:
-    """One line: what was reached for a promise."""
-    figures = [" ".join(figure.split()) for figure in (whole or {}).get("figures", ()) or usual]
-    return f"- **{name}** {'; '.join(_folded(figures)) or 'no figure'}"
+def _reached(name: str, usual: Evidence, whole: dict[str, Any] | None) -> str:
+    """One line: what was reached for a promise; all of it where one is not kept."""
+    figures = [" ".join(figure.split()) for figure in (whole or {}).get("figures", ()) or usual.figures]
+    line = f"- **{name}** {'; '.join(_folded(figures)) or 'no figure'}"
+    kept = {usual.verdict, (whole or {}).get("verdict", "kept")} == {"kept"}
+    return textwrap.shorten(line, LINE, placeholder=" ...") if kept else line
 
 
 def _folded(figures: list[str]) -> list[str]:

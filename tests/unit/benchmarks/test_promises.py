@@ -104,6 +104,14 @@ def test_figures_are_those_of_the_long_run_where_there_is_one():
     assert "- **S1** 1,000 of 9.5 m; same\n- **S2** 20 commands; none lost\n" in text
 
 
+@pytest.mark.parametrize(("outcome", "whole"), [("passed", False), ("failed", True)])
+def test_long_figures_are_cut_where_the_promise_is_kept(tmp_path, outcome, whole):
+    path = tmp_path / "figures.jsonl"
+    lines = [{"promise": "S1", "figure": f"{'figure ' * 100}end"}, {"promise": "S1", "test": "x", "outcome": outcome}]
+    path.write_text("\n".join(map(json.dumps, lines)))
+    assert ("figure end\n" in markdown(read_evidence(path), "now", {})) == whole
+
+
 def test_what_passed_only_when_run_again_is_told(tmp_path):
     path = tmp_path / "figures.jsonl"
     outcomes = ("failed", "passed")
