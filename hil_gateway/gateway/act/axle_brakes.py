@@ -20,7 +20,7 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import PRESSED, ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.gateway.perceive.monitors.actuators import PEDALS
+from hil_gateway.gateway.perceive.monitors.actuators import PEDALS, WINDOW
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.positions.fixes import MOVING
 from hil_gateway.gateway.perceive.road_speed import at_the_middle
@@ -35,16 +35,8 @@ SLIPS = (0.08, 0.06)
 lateral force"""
 PRESS_AGAIN_S = 1.5
 """until the whole pressure is back"""
-WATCHED = 20
-"""periods a circuit is compared over"""
-STEADY = 1.5
-"""largest over least command of those periods: a circuit that is late is not weak"""
-ANSWERS = 0.8
-"""of its command a sound circuit reports: pads, lines and sensors scatter by a tenth"""
 WEAKEST = 0.15
 """share below which a circuit is not asked for still more"""
-LEARNT = 0.1
-"""weight of a period: 0.1 s"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,26 +58,23 @@ class AxleBrakes:
     def __init__(self, car: Car, lateral_grip: float) -> None:
         """`lateral_grip`: declared friction coefficient of the tyres."""
         self._vehicle, self._grip, train = car.vehicle, lateral_grip, car.powertrain
-        self._late = round(car.actuators.brakes_late / PERIOD_S)
-        """periods that a report is behind its command"""
         self._per_pa, self._most = train.brake_force_per_pa, train.brake_pressure_max
         self._held = [self._most, self._most]
         """Pa that slipping wheels have left to the front and to the rear circuit"""
-        self._asked: deque[tuple[float, float]] = deque(maxlen=WATCHED)
+        self._asked: deque[tuple[float, float]] = deque(maxlen=round(WINDOW * car.actuators.brakes_late / PERIOD_S))
+        """Pa, of whose periods one has been reached"""
         self._answers = [1.0, 1.0]
         """share of its command that the front and the rear circuit report, 1 where that is a sound one's"""
 
     def watch(self, state: VehicleState, on_wire: ActuatorPositions) -> None:
         """What the circuits report of their commands; in every period, so that a stop begins with what is known."""
         self._asked.append((on_wire.brake_front, on_wire.brake_rear))
-        if len(self._asked) < WATCHED or not state.sources["pedals"].valid:
+        if len(self._asked) < self._asked.maxlen or not state.sources["pedals"].valid:
             return
         for circuit, reported in enumerate((state.brake_front, state.brake_rear)):
-            asked = [pressures[circuit] for pressures in self._asked][: -self._late]
-            if min(asked) > PEDALS * self._most and max(asked) < STEADY * min(asked):
-                share = reported * len(asked) / sum(asked)
-                share = share if share < ANSWERS else 1.0
-                self._answers[circuit] += LEARNT * (share - self._answers[circuit])
+            asked, scatter = min(pressures[circuit] for pressures in self._asked), PEDALS * self._most
+            if asked > scatter:
+                self._answers[circuit] = reported / asked if reported < asked - scatter else 1.0
 
     def start(self) -> None:
         """A stop begins: nothing slips yet."""
@@ -110,7 +99,7 @@ class AxleBrakes:
     @property
     def _weak(self) -> bool:
         """Whether a circuit reports less than it is asked for."""
-        return min(self._answers) <= ANSWERS
+        return min(self._answers) < 1.0
 
     def shared(self, wanted: ActuatorPositions, demand: AxleDemand, speed: float) -> tuple[float, float]:
         """Pressures of both circuits: what the rear one leaves is asked of the front one, as far as it goes, Pa."""
@@ -119,7 +108,7 @@ class AxleBrakes:
         rear = 0.0 if demand.flat_rear else min(wanted.brake_rear, rear_most / self._per_pa)
         more = 0.0 if demand.flat_front else front_most / self._per_pa
         front = min(total - rear, max(wanted.brake_front, more), self._most)
-        if self._answers[1] <= ANSWERS:
+        if self._answers[1] < 1.0:
             front = min(front, SURE_SHARE * front_most / self._per_pa)
         return front, rear
 

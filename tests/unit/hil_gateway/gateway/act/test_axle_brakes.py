@@ -165,9 +165,10 @@ def test_a_weak_circuit_is_asked_for_more_and_the_rear_tyres_count_with_all_thei
 
 def test_a_circuit_that_is_late_is_not_weak(rig):
     state, car = rig.gateway.seen[0], brakes()
-    for period in range(20):
-        wire, before = asked(1.0 * period), asked(max(period - 7.0, 0.0))
-        car.watch(state.model_copy(update={"brake_front": before.brake_front}), wire)
+    for period in range(60):
+        wire, before = asked(min(1.0 * period, 12.0)), asked(min(max(period - 7.0, 0.0), 12.0))
+        late = {"brake_front": before.brake_front, "brake_rear": before.brake_rear}
+        car.watch(state.model_copy(update=late), wire)
     sent = car.step(asked(8.0), STRAIGHT, state, Motion(50.0, by_wheels=False))
     assert sent == asked(8.0)
 
