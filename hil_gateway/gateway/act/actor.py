@@ -66,7 +66,8 @@ class Actor:
         self._actuation, car = actuation, config.declared_car
         self._full_steering = car.actuators.steering_range * car.vehicle.steering_ratio
         self._hold_pressure = car.hold_pressure
-        self._hill = HillStart(self._hold_pressure) if config.gateway.hold else None
+        forward = 2.0 * car.std(f"imu.{next(iter(car.imus))}.acceleration_offset")  # as hardly any accelerometer is off
+        self._hill = HillStart(self._hold_pressure, forward) if config.gateway.hold else None
         self._testing = config.gateway.mode == "actuator_test"
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
         self._mass_per_force = config.vehicle.mass / config.powertrain.force_per_drive

@@ -10,16 +10,14 @@ from hil_gateway.settings.gateway import PERIOD_S
 SETTLED_S = 0.3
 """time constant of the mean: leaves 0.014 m/s2 of an accelerometer's noise of 0.11, and the car rocks no longer after
 a stop"""
-FORWARD = 0.2
-"""m/s2 that the command gives beyond what gravity takes: offsets of accelerometers are as large"""
 
 
 class HillStart:
     """Learns what gravity takes from the accelerometer of a car that its brakes hold; one `holds` a period."""
 
-    def __init__(self, pressure: float) -> None:
-        """`pressure` that holds the car, Pa."""
-        self._pressure = pressure
+    def __init__(self, pressure: float, forward: float) -> None:
+        """`pressure` that holds the car, Pa; `forward`: what a command gives beyond what gravity takes, m/s2."""
+        self._pressure, self._forward = pressure, forward
         self._uphill = 0.0
         """specific force along the standing car, m/s2: what gravity takes, positive uphill"""
 
@@ -31,4 +29,4 @@ class HillStart:
 
     def holds(self, state: VehicleState, acceleration: float) -> bool:
         """Whether a standing car is held under a command that gives it `acceleration` on the level, m/s2."""
-        return road_speed(state) < STANDSTILL and acceleration < self._uphill + FORWARD
+        return road_speed(state) < STANDSTILL and acceleration < self._uphill + self._forward

@@ -12,12 +12,11 @@ from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 
 AIR_PA = 101_325.0
 """standard atmosphere; `tyre.*.pressure` counts from vacuum, `tyre.*.gauge` from here"""
-READS_PA = 70_000.0
-"""less than any air outside: a sensor that is not there or dead, which says nothing of the tyre"""
 MOST_PA = 400_000.0
 """over the air outside; more is no race tyre's pressure"""
 LOST = 0.5
-"""share of the pressure it had, over the air outside, below which a tyre is flat: warming up moves it by a fifth"""
+"""share of the pressure it had, over the air outside, below which a tyre is flat: warming up moves it by a fifth. Less
+than this share of the air itself reads only a sensor that is not there or dead, which says nothing of the tyre"""
 RISE = 1e-3
 """share of a higher reading taken over in a period: 10 s, so that a wrong frame makes no tyre flat"""
 
@@ -62,7 +61,7 @@ class TyreReports:
 
     def _is_flat(self, name: str) -> bool:
         inside = self._builder.value(name)
-        return inside >= READS_PA and self._has_lost(name, inside - AIR_PA)
+        return inside >= LOST * AIR_PA and self._has_lost(name, inside - AIR_PA)
 
     def _has_lost(self, signal: str, over: float) -> bool:
         """Whether a pressure over the air outside, Pa, is less than half of what its signal had."""
