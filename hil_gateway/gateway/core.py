@@ -73,7 +73,7 @@ class Gateway:
         self._course = CourseReader(config.placing.noise)
         self._receivers = OtherReceivers(config.car, config.origin)
         self._tyres = TyreReports(self.builder)
-        self._stood = Stood()
+        self._stood = Stood(config.car)
         ours = None if track is None else agreement(config, track)
         self._conditions = Conditions(self.builder, self._tyres, config, ours)
         self.decision = Decision()

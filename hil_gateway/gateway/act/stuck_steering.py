@@ -18,6 +18,7 @@ from hil_gateway.car.car import Car
 from hil_gateway.gateway.act.stop_path import CLEAR
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, moved_share, steering_reports
+from hil_gateway.gateway.perceive.monitors.imu import BEYOND_NOISE
 from hil_gateway.gateway.perceive.monitors.road import BEYOND, NEAR
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
@@ -28,8 +29,6 @@ SLIDES_AFTER_S = (0.0, 0.2, 0.4, 0.8, 1.6, math.inf)
 """s of rolling before the slide: the ways that are compared"""
 SLIDING = 0.8
 """of the grip that tyres have when they slide on dry asphalt"""
-APART = 0.03
-"""rad/s by which one of the angles must explain the yaw rate better than the other: ten times the gyro's noise"""
 
 
 class StuckSteering:
@@ -40,6 +39,8 @@ class StuckSteering:
         self._of, self._turns_in_s = steering_reports(car), car.turns_in_s
         self._judged_s = car.actuators.steering_late
         """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
+        self._apart = BEYOND_NOISE * next(iter(car.imus.values())).rate_noise
+        """rad/s by which one of the angles must explain the yaw rate better than the other"""
         self._grip = partial(config.grip, car.vehicle)
         self._angles: deque[tuple[float, float]] = deque(maxlen=self._of.window)
         """reported and asked, rad at the road wheel"""
@@ -75,9 +76,9 @@ class StuckSteering:
         due = asked[: -self._of.late]
         if due.size and due.std() > 0.5 * self._of.asked / self._of.ratio:  # as one that moves beyond play and noise
             self._moves = moved_share(reported[self._of.late :], due) > MOVED_SHARE
-        answers = self._moves or (motion.by_gyro and self._asked_off + APART < self._reported_off)
+        answers = self._moves or (motion.by_gyro and self._asked_off + self._apart < self._reported_off)
         still = bool(reported.std() < MOVED_SHARE * asked.std())
-        turns_as_reported = motion.by_gyro and self._reported_off + APART < self._asked_off
+        turns_as_reported = motion.by_gyro and self._reported_off + self._apart < self._asked_off
         self.stands = not answers and (self.stands or (still and turns_as_reported))
         return not self._locks and answers
 

@@ -17,7 +17,7 @@ from hil_gateway.process.clock import NS_PER_S
 
 STUCK_FRAMES = 20
 """So many IMU or wheel frames (0.2 s) with the very same bytes while moving: the sensor hangs (noise changes the last
-bit of each; a sensor at 50 Hz repeats itself once)."""
+bit of each; a sensor at 50 Hz repeats itself once). The mean noise of so many differs from the usual one by a fifth."""
 OVER = 1.4
 """times its declared rate at which a message may come for ever: a sender's clock, and frames that waited somewhere"""
 WHEEL_SPEEDS = tuple(f"wheel_speed_{wheel}" for wheel in WHEELS)

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
+from hil_gateway.gateway.perceive.monitors.imu import BEYOND_NOISE
 from hil_gateway.gateway.perceive.road_speed import rests
 from hil_gateway.process.clock import NS_PER_S
-
-TURNING = 0.02
-"""rad/s, five standard deviations of an automotive gyro with an engine running: who carries a car turns it faster"""
 
 
 class Stood:
     """`step` once a period with the newest estimate; `estimate` is there while nobody knows better."""
 
-    def __init__(self) -> None:
+    def __init__(self, car: Car) -> None:
+        self._turning = BEYOND_NOISE * next(iter(car.imus.values())).rate_noise
+        """rad/s: who carries a car turns it faster"""
         self._last: Estimate | None = None
         self._seen_ns = 0
         self.estimate: Estimate | None = None
@@ -31,11 +32,10 @@ class Stood:
             self._last = newest.message
         watched = now_ns - self._seen_ns < UNSEEN_S * NS_PER_S
         self._seen_ns = now_ns
-        if self._last is not None and not (watched and _stands(state, self._last.bias_yaw_rate)):
+        if self._last is not None and not (watched and self._stands(state, self._last.bias_yaw_rate)):
             self._last = None
         self.estimate = None if known else self._last
 
-
-def _stands(state: VehicleState, bias_yaw_rate: float) -> bool:
-    seen = all(state.sources[name].valid for name in ("wheel_speeds", "imu", "position"))
-    return seen and rests(state) and abs(state.yaw_rate - bias_yaw_rate) < TURNING
+    def _stands(self, state: VehicleState, bias_yaw_rate: float) -> bool:
+        seen = all(state.sources[name].valid for name in ("wheel_speeds", "imu", "position"))
+        return seen and rests(state) and abs(state.yaw_rate - bias_yaw_rate) < self._turning

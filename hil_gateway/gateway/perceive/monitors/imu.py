@@ -13,6 +13,8 @@ from itertools import pairwise
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.car import Car
+from hil_gateway.gateway.perceive.motion import MOST_GRIP
+from hil_gateway.gateway.perceive.received import STUCK_FRAMES
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.settings.gateway import PERIOD_S
 
@@ -21,15 +23,12 @@ STEADY = 4
 LEVEL_SHARE = 0.4
 """of a step that a reading on either side of it may differ from the one before: on a ramp all differ alike, and a spike
 goes back"""
-TURN, FORCE = 0.04, 3.0
-"""rad/s and m/s2: steps beside noise (data sheets have 0.002 and 0.1); sound drives come to 0.02 and 1.5"""
-KICK = 0.15
-"""rad/s of a step of the yaw rate alone: 15 rad/s2, which tyres of 1.5 g reach with both axles against each other"""
+BEYOND_NOISE = 20.0
+"""declared deviations that are no noise, with an engine running and kerbs: sound drives come to 11 of a gyro's in one
+period, and to 15 of an accelerometer's"""
 QUIET = 0.14
 """of its usual noise that one of two axes has at least: 0.145 was the least of a gyro alone on a measured drive of an
 AV-21 (25 Hz, filtered, mostly motion), 0.25 of an axis on simulated ones"""
-WINDOW = 20
-"""periods (0.2 s) of noise; a mean of so many differs from the usual one by a fifth"""
 USUAL = 500
 """periods (5 s) over which the usual noise is learnt"""
 RESOLVED = 6.0
@@ -40,11 +39,16 @@ class ImuMonitor:
     """Keeps the newest readings; what it has found holds until the car stands."""
 
     def __init__(self, car: Car) -> None:
-        reports, imu = car.codec.signals.reports, next(iter(car.imus))
+        reports, (name, imu), v = car.codec.signals.reports, next(iter(car.imus.items())), car.vehicle
+        self._least = [BEYOND_NOISE * n for n in (imu.rate_noise, imu.acceleration_noise, imu.acceleration_noise)]
+        """steps beside noise, rad/s and m/s2"""
+        against = v.static_load_front * v.lf + v.static_load_rear * v.lr
+        self._kick = PERIOD_S * MOST_GRIP * against / v.yaw_inertia
+        """rad/s by which both axles against each other change the yaw rate in a period"""
         self._readings: deque[tuple[float, float, float]] = deque(maxlen=2 * STEADY)
         """yaw rate, rad/s; lateral and longitudinal specific force, m/s2"""
         self._noise = tuple(
-            _Noise(RESOLVED * abs(reports[f"imu.{imu}.{name}"].scale)) for name in ("yaw_rate", "ay", "ax")
+            _Noise(RESOLVED * abs(reports[f"imu.{name}.{axis}"].scale)) for axis in ("yaw_rate", "ay", "ax")
         )
         self.found = False
 
@@ -65,14 +69,14 @@ class ImuMonitor:
         self.found = self.found or quiet or self._stepped()
 
     def _stepped(self) -> bool:
-        """Whether the yaw rate has stepped by `KICK`, or two of the three, one of them the yaw rate or to the other
-        sign: on a patch of less grip both forces fall."""
+        """Whether the yaw rate has stepped by more than tyres make it, or two of the three, one of them the yaw rate or
+        to the other sign: on a patch of less grip both forces fall."""
         if len(self._readings) < 2 * STEADY:
             return False
-        turn, ay, ax = map(_step, zip(*self._readings, strict=True), (TURN, FORCE, FORCE))
+        turn, ay, ax = map(_step, zip(*self._readings, strict=True), self._least)
         _, ay_before, ax_before = self._readings[STEADY - 1]
         mirrored = min(ay_before * (ay_before + ay), ax_before * (ax_before + ax)) < 0.0
-        return abs(turn) > KICK or bool(turn and (ay or ax)) or bool(ay and ax and mirrored)
+        return abs(turn) > self._kick or bool(turn and (ay or ax)) or bool(ay and ax and mirrored)
 
     def _quiet(self) -> bool:
         """Whether the noise of two axes has fallen; learns what is usual."""
@@ -87,7 +91,7 @@ class _Noise:
 
     def __init__(self, resolved: float) -> None:
         self._resolved = resolved
-        self._lately: deque[float] = deque(maxlen=WINDOW)
+        self._lately: deque[float] = deque(maxlen=STUCK_FRAMES)
         self._usual, self._learnt = 0.0, 0
 
     def forget(self) -> None:
@@ -97,12 +101,12 @@ class _Noise:
     def fell(self, before: float, last: float, now: float) -> bool:
         """Whether there is hardly any left of what was usual; three readings in a row."""
         self._lately.append(abs(now - 2.0 * last + before))
-        if len(self._lately) < WINDOW:
+        if len(self._lately) < STUCK_FRAMES:
             return False
         self._learnt = min(self._learnt + 1, USUAL)
         self._usual += (self._lately[0] - self._usual) / self._learnt
         known = self._learnt == USUAL and self._usual > self._resolved
-        return known and sum(self._lately) / WINDOW < QUIET * self._usual
+        return known and sum(self._lately) / STUCK_FRAMES < QUIET * self._usual
 
 
 def _step(readings: tuple[float, ...], least: float) -> float:

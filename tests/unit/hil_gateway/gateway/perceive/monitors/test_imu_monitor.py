@@ -10,7 +10,8 @@ from support.cars.scripted_car import reported_state
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.car import load_car
-from hil_gateway.gateway.perceive.monitors.imu import STEADY, USUAL, WINDOW, ImuMonitor
+from hil_gateway.gateway.perceive.monitors.imu import STEADY, USUAL, ImuMonitor
+from hil_gateway.gateway.perceive.received import STUCK_FRAMES
 
 GYRO_NOISE, FORCE_NOISE = 0.0015, 0.11
 """rad/s and m/s2, as the plant's IMU has it"""
@@ -85,8 +86,8 @@ def test_frames_that_a_busy_bus_holds_back_while_the_car_turns_in_are_no_wrong_i
 @pytest.mark.parametrize(("noise", "found"), [(0.02, True), (0.5, False)])
 def test_an_imu_that_has_lost_its_noise_is_found(state, noise, found):
     drive = Drive(state)
-    assert not any(drive.read(0.0, 0.0, 0.0) for _ in range(USUAL + WINDOW + 3))
-    assert any(drive.read(0.0, 0.0, 0.0, noise) for _ in range(2 * WINDOW)) == found
+    assert not any(drive.read(0.0, 0.0, 0.0) for _ in range(USUAL + STUCK_FRAMES + 3))
+    assert any(drive.read(0.0, 0.0, 0.0, noise) for _ in range(2 * STUCK_FRAMES)) == found
 
 
 def test_what_was_found_holds_until_the_car_stands(state):
