@@ -18,6 +18,9 @@ ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 INVERSE_ITERATIONS = 3
 """Fixed-point steps of the inverse; each gains about three digits at 10 km from the origin."""
 
+REACH = 20e3
+"""m to either side of its origin that a map reaches; a receiver reports 0, 0 before its first fix"""
+
 
 class LocalMap:
     """Local map frame: x east, y north of the origin, m."""
@@ -34,6 +37,11 @@ class LocalMap:
     def to_map(self, latitude: float, longitude: float) -> tuple[float, float]:
         """Degrees to (x, y), m: rotation of the earth-centred difference vector into east and north."""
         return self.to_map_radians(math.radians(latitude), math.radians(longitude))
+
+    @staticmethod
+    def holds(x: float, y: float) -> bool:
+        """Whether a point may be a place of this map."""
+        return max(abs(x), abs(y)) <= REACH
 
     def to_geodetic(self, x: float, y: float) -> tuple[float, float]:
         """(x, y), m, to (latitude, longitude), degrees: inverse of `to_map` by fixed-point iteration."""

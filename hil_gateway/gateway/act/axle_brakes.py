@@ -61,15 +61,16 @@ class AxleBrakes:
         self._per_pa, self._most = train.brake_force_per_pa, train.brake_pressure_max
         self._held = [self._most, self._most]
         """Pa that slipping wheels have left to the front and to the rear circuit"""
-        self._asked: deque[tuple[float, float]] = deque(maxlen=round(WINDOW * car.actuators.brakes_late / PERIOD_S))
-        """Pa, of whose periods one has been reached"""
+        self._window = round(WINDOW * car.actuators.brakes_late / PERIOD_S)
+        """periods, of whose commands one has been reached"""
+        self._asked: deque[tuple[float, float]] = deque(maxlen=self._window)
         self._answers = [1.0, 1.0]
         """share of its command that the front and the rear circuit report, 1 where that is a sound one's"""
 
     def watch(self, state: VehicleState, on_wire: ActuatorPositions) -> None:
         """What the circuits report of their commands; in every period, so that a stop begins with what is known."""
         self._asked.append((on_wire.brake_front, on_wire.brake_rear))
-        if len(self._asked) < self._asked.maxlen or not state.sources["pedals"].valid:
+        if len(self._asked) < self._window or not state.sources["pedals"].valid:
             return
         for circuit, reported in enumerate((state.brake_front, state.brake_rear)):
             asked, scatter = min(pressures[circuit] for pressures in self._asked), PEDALS * self._most

@@ -6,6 +6,7 @@ steering are positive to the left; in a left turn the right wheels are the faste
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -41,7 +42,6 @@ JUMP, JUMP_RATE = 3.0, 1.0
 """m/s2 and rad/s from one frame to the next, 10 ms on: no car that stands or is pushed does that, swapped bytes do."""
 PUSHED_M, SPEED_SPREAD = 3.0, 0.2
 """Least way by the positions on which speeds are judged, m, and by how much they may differ: a tyre that is low."""
-POSITION_MAX_M = 20_000.0
 MIN_SAMPLES = 20
 NOTHING: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
 """series of a quantity that the car does not report"""
@@ -217,11 +217,10 @@ def _position(seen: Observation, config: Config) -> list[Finding]:
         return []
     if latitude == longitude == 0.0:
         return [_finding("position", False, "0, 0: no fix", "antenna, sky", Verdict.WARN)]
-    distance = float(np.hypot(*LocalMap(config.origin).to_map_radians(latitude, longitude)))
-    detail = (
-        f"{np.degrees(latitude):.6f}, {np.degrees(longitude):.6f} deg, {distance / 1e3:.2f} km from the map's origin"
-    )
-    return [_finding("position", distance <= POSITION_MAX_M, detail, "set [origin] to the track's", Verdict.WARN)]
+    place = LocalMap(config.origin).to_map_radians(latitude, longitude)
+    distance_km = math.hypot(*place) / 1e3
+    detail = f"{np.degrees(latitude):.6f}, {np.degrees(longitude):.6f} deg, {distance_km:.2f} km from the map's origin"
+    return [_finding("position", LocalMap.holds(*place), detail, "set [origin] to the track's", Verdict.WARN)]
 
 
 def _wheels_agree(by_wheel: dict[str, Array]) -> list[Finding]:

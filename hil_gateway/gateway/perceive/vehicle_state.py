@@ -34,8 +34,6 @@ CLOCKS = ("pedals", "steering", "vehicle", "powertrain")
 """Sources whose rolling counter tells the time of the drive-by-wire node."""
 AS_REPORTED = (*(f"wheel_speed_{wheel}" for wheel in WHEELS), "brake_front", "brake_rear", "engine_speed")
 """quantities that the state has as the car reports them"""
-MAP_RADIUS = 50e3
-"""A position further from the origin is no position of this map, m (receivers report 0, 0 before their first fix)."""
 COUNTER_LEAK_NS = round(CONTRADICTED_S * NS_PER_S)
 """after which one wrong counter is forgotten"""
 COUNTER_FAULT = 5
@@ -243,7 +241,7 @@ class VehicleStateBuilder:
 
     def _take_position(self, entry: Received, values: Mapping[str, float], stamp_ns: int) -> None:
         x, y = self._map.to_map_radians(values[self._latitude], values[self._longitude])
-        entry.plausible = max(abs(x), abs(y)) < MAP_RADIUS
+        entry.plausible = self._map.holds(x, y)
         if entry.plausible and not self.network:
             self.fixes.take(x, y, stamp_ns)
 
@@ -252,7 +250,7 @@ class VehicleStateBuilder:
         if fix is None:
             return
         x, y = self._map.to_map(*fix[:2])
-        if max(abs(x), abs(y)) < MAP_RADIUS:
+        if self._map.holds(x, y):
             self.fixes.take(x + fix[2], y + fix[3], stamp_ns)
 
     def _take_foreign(self, frame: Frame, now_ns: int) -> None:

@@ -31,14 +31,6 @@ are left, and drag is backward"""
 
 
 @dataclass(frozen=True, slots=True)
-class Follows:
-    """How long what each actuator reports has been outside of its commands, s."""
-
-    steering: float
-    pedals: float
-
-
-@dataclass(frozen=True, slots=True)
 class SteeringReports:
     """What reports of the steering may differ by: angles at the motor, rad; periods."""
 
@@ -101,8 +93,9 @@ class FollowingMonitor:
         self._standing = _StandingSteering(self._of)
         self._steering, self._pedals = ConditionTime(), ConditionTime()
 
-    def step(self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None) -> Follows:
-        """`commanded` is what stands on the wire; None while nothing is sent or the car does not obey."""
+    def step(self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None) -> tuple[float, float]:
+        """How long what steering and pedals report has been outside of their commands, s. `commanded` is what stands on
+        the wire; None while nothing is sent or the car does not obey."""
         if commanded is None:
             self._commands.clear()
             self._standing = _StandingSteering(self._of)
@@ -120,7 +113,7 @@ class FollowingMonitor:
             or self._outside(state.brake_rear, "brake_rear", self._brakes)
             or self._outside(state.accelerator, "accelerator", PEDALS)
         )
-        return Follows(self._steering.update(steers, now_ns), self._pedals.update(pedals, now_ns))
+        return self._steering.update(steers, now_ns), self._pedals.update(pedals, now_ns)
 
     def _outside(self, reported: float, actuator: str, tolerance: float) -> bool:
         newest: float = getattr(self._commands[-1], actuator)

@@ -28,11 +28,10 @@ BEYOND_NOISE = 20.0
 period, and to 15 of an accelerometer's"""
 QUIET = 0.14
 """of its usual noise that one of two axes has at least: 0.145 was the least of a gyro alone on a measured drive of an
-AV-21 (25 Hz, filtered, mostly motion), 0.25 of an axis on simulated ones"""
+AV-21 (25 Hz, filtered, mostly motion), 0.25 of an axis on simulated ones; from less than a step of the report nothing
+can be told"""
 USUAL = 500
 """periods (5 s) over which the usual noise is learnt"""
-RESOLVED = 6.0
-"""steps of the report of usual noise from which less can be told"""
 
 
 class ImuMonitor:
@@ -47,9 +46,7 @@ class ImuMonitor:
         """rad/s by which both axles against each other change the yaw rate in a period"""
         self._readings: deque[tuple[float, float, float]] = deque(maxlen=2 * STEADY)
         """yaw rate, rad/s; lateral and longitudinal specific force, m/s2"""
-        self._noise = tuple(
-            _Noise(RESOLVED * abs(reports[f"imu.{name}.{axis}"].scale)) for axis in ("yaw_rate", "ay", "ax")
-        )
+        self._noise = tuple(_Noise(abs(reports[f"imu.{name}.{axis}"].scale)) for axis in ("yaw_rate", "ay", "ax"))
         self.found = False
 
     def step(self, state: VehicleState, speed: float) -> None:
@@ -89,8 +86,9 @@ class ImuMonitor:
 class _Noise:
     """Second differences of one axis, lately and usually."""
 
-    def __init__(self, resolved: float) -> None:
-        self._resolved = resolved
+    def __init__(self, step: float) -> None:
+        """`step` of its report."""
+        self._step = step
         self._lately: deque[float] = deque(maxlen=STUCK_FRAMES)
         self._usual, self._learnt = 0.0, 0
 
@@ -105,8 +103,8 @@ class _Noise:
             return False
         self._learnt = min(self._learnt + 1, USUAL)
         self._usual += (self._lately[0] - self._usual) / self._learnt
-        known = self._learnt == USUAL and self._usual > self._resolved
-        return known and sum(self._lately) / STUCK_FRAMES < QUIET * self._usual
+        least = QUIET * self._usual
+        return self._learnt == USUAL and least > self._step and sum(self._lately) / STUCK_FRAMES < least
 
 
 def _step(readings: tuple[float, ...], least: float) -> float:

@@ -114,8 +114,8 @@ class Monitors:
         self._miss(now_ns, state)
         speed = self.motion.motion.speed
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
-        follows = self._following.step(now_ns, state, obeyed)
-        self._steering_off = follows.steering > 0.0
+        steering_s, pedals_s = self._following.step(now_ns, state, obeyed)
+        self._steering_off = steering_s > 0.0
         self._reversed.step(state, speed, commanded if state.sys_state in STEERS else None)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         sensors = self._compare(now_ns, state, course)
@@ -129,8 +129,8 @@ class Monitors:
             "wheel_speed_wrong": max(sensors.wheels, self._without_wheels.update(no_wheels, now_ns)),
             "yaw_rate_wrong": max(sensors.imu, self._without_imu.update(no_imu, now_ns) + CONTRADICTED_S * no_imu),
             "acceleration_wrong": sensors.speed,
-            "steering_stuck": follows.steering,
-            "pedals_stuck": follows.pedals,
+            "steering_stuck": steering_s,
+            "pedals_stuck": pedals_s,
             "commands_unanswered": unanswered_s,
             "off_road": off,
             "wrong_way": against,

@@ -119,8 +119,8 @@ def noticed_s(reported: Motor) -> float:
     for tick in range(-100, 200):
         commanded = ActuatorPositions(bend(tick), 0.0, 0.0, 0.0, 6)
         steer = round(reported(tick) / STEP_RAD) * STEP_RAD / CAR.steering_ratio
-        follows = monitor.step((tick + 101) * 10_000_000, state.model_copy(update={"steer": steer}), commanded)
-        if follows.steering > 0.0:
+        held_s, _ = monitor.step((tick + 101) * 10_000_000, state.model_copy(update={"steer": steer}), commanded)
+        if held_s > 0.0:
             return 0.01 * tick
     return math.inf
 
