@@ -11,12 +11,13 @@ I. Nikiforov, Detection of Abrupt Changes, 1993, ch. 7).
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
-from operator import itemgetter
 from statistics import NormalDist
 from typing import NamedTuple
+
+import numpy as np
 
 from hil_gateway.car.car import Car
 from hil_gateway.config import OriginConfig
@@ -66,15 +67,9 @@ class _Line:
         if not self._fixes or t - CHORD_S < self._fixes[0][0] or t > self._fixes[-1][0] + OLDEST_S:
             return None
         later = min(t + CHORD_S, self._fixes[-1][0])
-        (x0, y0), place, (x1, y1) = (self._place(time) for time in (later - 2.0 * CHORD_S, t, later))
-        return place, ((x1 - x0) / (2.0 * CHORD_S), (y1 - y0) / (2.0 * CHORD_S))
-
-    def _place(self, t: float) -> Vector:
-        """Between the two fixes around `t`, else at the first or the newest one."""
-        after = bisect_right(self._fixes, t, key=itemgetter(0))
-        (t0, x0, y0), (t1, x1, y1) = self._fixes[max(after - 1, 0)], self._fixes[min(after, len(self._fixes) - 1)]
-        share = (t - t0) / (t1 - t0) if t0 < t < t1 else 0.0
-        return x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+        times, *axes = np.array(self._fixes).T
+        (x, x0, x1), (y, y0, y1) = (np.interp([t, later - 2.0 * CHORD_S, later], times, axis).tolist() for axis in axes)
+        return (x, y), ((x1 - x0) / (2.0 * CHORD_S), (y1 - y0) / (2.0 * CHORD_S))
 
 
 class _Known(NamedTuple):
