@@ -106,7 +106,7 @@ def _along_its_way(car: Car, config: Config, deceleration: float, grip: float, b
     }  # fmt: skip
     stop = config.gateway.stop.model_copy(update=changes)
     actuation = Actuation(config.vehicle, config.powertrain)
-    stopping = Stopping(config.vehicle, stop, config.powertrain.force_per_drive, car.road.track)
+    stopping = Stopping(config.declared_car, stop, car.road.track)
     stopping.start(car["steer"])
     stopping.flat = by_axle and any(car.flats)
     axles = AxleBrakes(config.declared_car, grip)

@@ -139,6 +139,16 @@ class Car(Model):
         return v.yaw_inertia / (v.lf**2 * front + v.lr**2 * rear)
 
     @property
+    def grip_spread(self) -> float:
+        """Share of the declared grip by which hardly any tyres have less, or more: two standard deviations."""
+        return 2.0 * self.relative_std("tyres.grip")
+
+    @property
+    def most_grip(self) -> float:
+        """Friction that hardly any tyres exceed."""
+        return (1.0 + self.grip_spread) * self.tyres.grip
+
+    @property
     def hold_pressure(self) -> float:
         """Of the brakes, Pa, with which they bear the weight: the car stands on any road."""
         brakes = self.powertrain

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.gateway.act.stopping import LOOK_AHEAD_MIN
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
+from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import beside
 from planner.line.track import Reference
@@ -93,7 +93,7 @@ class StopPlanner:
 
     def _pursuit(self, z: Array) -> float:
         """Steering angle of pure pursuit (Coulter, 1992), rad."""
-        ahead = self.reference.at(np.array([z[S] + max(LOOK_AHEAD_MIN, PREVIEW_S * float(z[VX]))]))
+        ahead = self.reference.at(np.array([z[S] + PREVIEW_S * max(float(z[VX]), SLOWEST)]))
         dx, dy = float(ahead.x[0] - z[0]), float(ahead.y[0] - z[1])
         lateral = np.cos(z[2]) * dy - np.sin(z[2]) * dx
         angle = np.arctan(2 * self.vehicle.wheelbase * lateral / max(dx**2 + dy**2, 1.0))

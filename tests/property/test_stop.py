@@ -35,7 +35,7 @@ POSE = st.builds(
 
 @given(motions=st.lists(st.tuples(MOTION, st.none() | POSE, *[st.booleans()] * 4), min_size=1, max_size=4))
 def test_a_stop_answers_every_motion_and_pose(motions) -> None:
-    stop = Stopping(load_car().vehicle, StopConfig(), 50_000.0, TRACK)
+    stop = Stopping(load_car(), StopConfig(), TRACK)
     stop.start(0.01)
     for motion, pose, emergency, steers, brakes, flat in motions:
         stop.flat = flat

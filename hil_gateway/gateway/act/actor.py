@@ -78,7 +78,7 @@ class Actor:
         self._limits = Limits(config.car, config.gateway.limits.within(config.car))
         self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
         self._stand(self._limits.resting(0.0))
-        self.stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
+        self.stopping = Stopping(car, config.gateway.stop, track)
         self._stuck = StuckSteering(car, config.gateway.stop, track)
         self._axles = AxleBrakes(car, config.gateway.stop.lateral_grip)
         self._holding = False

@@ -26,10 +26,6 @@ from hil_gateway.gateway.perceive.positions.fixes import MOVING
 from hil_gateway.gateway.perceive.road_speed import at_the_middle
 from hil_gateway.settings.gateway import LEAST_SHARE, PERIOD_S, beside
 
-SURE_SHARE = 0.8
-"""of the declared grip that an axle is sure to have: tyres differ by a fifth. The rear tyres are reckoned with it, and
-the front ones where they brake for weak rear brakes: with all of what is left beside the lateral force they do not turn
-the car"""
 SLIPS = (0.08, 0.06)
 """slip of the faster wheel, front and rear, beyond which an axle is let go: racing tyres give most at 0.1, and without
 lateral force"""
@@ -58,6 +54,9 @@ class AxleBrakes:
     def __init__(self, car: Car, lateral_grip: float) -> None:
         """`lateral_grip`: declared friction coefficient of the tyres."""
         self._vehicle, self._grip, train = car.vehicle, lateral_grip, car.powertrain
+        self._sure = 1.0 - car.grip_spread
+        """share of the grip that the rear tyres are reckoned with, and the front ones where they brake for weak rear
+        brakes: with all of what is left beside the lateral force they do not turn the car"""
         self._per_pa, self._most = train.brake_force_per_pa, train.brake_pressure_max
         self._held = [self._most, self._most]
         """Pa that slipping wheels have left to the front and to the rear circuit"""
@@ -110,7 +109,7 @@ class AxleBrakes:
         more = 0.0 if demand.flat_front else front_most / self._per_pa
         front = min(total - rear, max(wanted.brake_front, more), self._most)
         if self._answers[1] < 1.0:
-            front = min(front, SURE_SHARE * front_most / self._per_pa)
+            front = min(front, self._sure * front_most / self._per_pa)
         return front, rear
 
     def _bears(self, speed: float, braking: float, demand: AxleDemand) -> tuple[float, float]:
@@ -118,7 +117,7 @@ class AxleBrakes:
         car, grip = self._vehicle, self._grip
         pressed, moved = 0.5 * car.air_density * speed**2, braking * car.cg_height / car.wheelbase
         front = grip * (car.static_load_front - car.lift_area_front * pressed + moved)
-        share = 1.0 if self._weak else SURE_SHARE
+        share = 1.0 if self._weak else self._sure
         rear = share * grip * (car.static_load_rear - car.lift_area_rear * pressed - moved)
         across = demand.lateral / GRAVITY
         left_front, left_rear = (

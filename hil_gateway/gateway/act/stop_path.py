@@ -28,8 +28,6 @@ CLEAR = 1.2
 """m between the wheels and the edge the way keeps where it can: side slip, errors of position and steering"""
 CLEAR_BLIND = 2.2
 """the same where no fixes hold the pose: after 6 s in a bend under the brakes it is 1.7 m aside"""
-NARROW_SHARE = 0.3
-"""of the half width at least is corridor, however narrow the road"""
 OUTSIDE = 400.0
 """weight of 1 m outside of the corridor, (m/s2)^2: as much as 20 m/s2 of lateral acceleration"""
 MIDDLE = 0.5
@@ -97,7 +95,7 @@ def way_along(
     start = _start(pose, turn_rate, offset, s[:GIVEN] - s0, on) - aside[:GIVEN]
     clearance = CLEAR_FIRST + (clear - CLEAR_FIRST) * np.minimum(gone / (CLEAR_S * max(pose.speed, SLOWEST)), 1.0)
     room = track.room(s, aside)
-    corridor = _corridor(room.right, half_width + clearance), _corridor(room.left, half_width + clearance)
+    corridor = (np.maximum(side - half_width - clearance, 0.0) for side in (room.right, room.left))
     speed2 = np.maximum(pose.speed**2 - 2 * deceleration * gone, SLOWEST**2)
     e = aside + _least_lateral_force(start, on.curvature + _bend(aside), speed2, *corridor)
     return polyline(np.array([on.x - e * np.sin(on.heading), on.y + e * np.cos(on.heading)]))
@@ -124,11 +122,6 @@ def _start(pose: Pose, turn_rate: float, offset: float, s: Array, on: TrackPoint
     slope = math.tan(max(-ACROSS, min(against, ACROSS)))  # more is a wrong heading
     bend = turn_rate / max(pose.speed, SLOWEST) - float(on.curvature[GIVEN - 1])
     return np.asarray(offset + slope * s + 0.5 * bend * s**2)
-
-
-def _corridor(width: Array, clear: Array) -> Array:
-    """Largest offset to one side, m."""
-    return np.asarray(np.maximum(width - clear, NARROW_SHARE * width))
 
 
 def _least_lateral_force(start: Array, curvature: Array, speed2: Array, right: Array, left: Array) -> Array:

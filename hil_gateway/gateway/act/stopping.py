@@ -14,18 +14,18 @@ import math
 
 import numpy as np
 
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import Car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, way_along
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, MOST_GRIP, Motion
+from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
+from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
 from hil_gateway.track.track import Track
 
 LOOK_AHEAD_S = 0.4
 """the longer, the wider a car that understeers swings out at 60 m/s; at 0.3 it begins to weave"""
-LOOK_AHEAD_MIN = 6.0
-"""m"""
 YAW_RATE_GAIN = 0.04
 """K, rad of steering per rad/s. A car with more grip in front than behind turns the faster the faster it turns, at up
 to 2 1/s at 70 m/s when braking has moved the load forward: without K it weaves until it spins. 0.03 just holds such a
@@ -39,17 +39,15 @@ FAR_FROM_WAY = 1.5
 """m off its way at which a stop gets a new one: the tyres have not held, or the pose was wrong"""
 ROLLS_OUT = 55.0
 """m/s whose drag slows down a car without brakes; a slower one leaves its way a little to the inside"""
-BEND_SHARE = 0.7
-"""of the declared grip a bend ahead may need: the rest steers back to the path and brakes on in the bend"""
 
 
 class Stopping:
     """Keeps its path; answers with (steer, drive)."""
 
-    def __init__(self, vehicle: Vehicle, config: StopConfig, force_per_drive: float, track: Track | None) -> None:
-        self._vehicle = vehicle
+    def __init__(self, car: Car, config: StopConfig, track: Track | None) -> None:
+        self._car, self._vehicle = car, car.vehicle
         self._config = config
-        self._force_per_drive = force_per_drive
+        self._force_per_drive = car.powertrain.force_per_drive
         self._track = track
         self._path: Path | None = None
         self._steer = 0.0
@@ -108,11 +106,11 @@ class Stopping:
         rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)
         rear_y = pose.y - self._vehicle.lr * math.sin(pose.yaw)
         late_s = 0.0 if motion.by_gyro else 0.5 * COURSE_WINDOW * PERIOD_S  # as the heading of fixes is
-        look_ahead = max(LOOK_AHEAD_MIN, (LOOK_AHEAD_S + late_s) * pose.speed)
+        look_ahead = (LOOK_AHEAD_S + late_s) * max(pose.speed, SLOWEST)
         behind = path.nearest(rear_x, rear_y)
         (x, y), bend = path.ahead(behind, look_ahead), float(path.curvature[behind])
         angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw - self._rear_slip(motion, bend)
-        distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)
+        distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_S * SLOWEST)
         curvature = 2 * math.sin(angle) / distance
         if not motion.by_gyro:
             curvature = self._within_grip(curvature, motion.speed)
@@ -124,7 +122,7 @@ class Stopping:
 
     def _within_grip(self, curvature: float, speed: float) -> float:
         """As much of it as any tyres hold: more steering turns no car in, and none that slides out."""
-        most = MOST_GRIP * self._vehicle.pressed(speed) / max(speed, 1.0) ** 2
+        most = self._car.most_grip * self._vehicle.pressed(speed) / max(speed, 1.0) ** 2
         return min(max(curvature, -most), most)
 
     def _rear_slip(self, motion: Motion, curvature: float) -> float:
@@ -138,11 +136,11 @@ class Stopping:
         return -motion.rear_yields * motion.speed**2 * curvature
 
     def _for_bends(self, path: Path, here: int, speed: float) -> float:
-        """Deceleration after which no bend ahead needs more than `BEND_SHARE` of the declared grip, m/s2.
+        """Deceleration after which no bend ahead needs more grip than tyres are sure to have, m/s2.
 
-        v^2 of a bend with curvature k: mu (m g + c v^2) = m k v^2, with the declared grip mu and downforce c.
+        v^2 of a bend with curvature k: mu (m g + c v^2) = m k v^2, with the sure grip mu and downforce c.
         """
-        grip, lift = BEND_SHARE * self._grip, self._vehicle.downforce(1.0) / self._vehicle.mass
+        grip, lift = (1.0 - self._car.grip_spread) * self._grip, self._vehicle.downforce(1.0) / self._vehicle.mass
         distance = path.s[here + 1 :] - path.s[here]
         allowed = grip * GRAVITY / np.maximum(np.abs(path.curvature[here + 1 :]) - grip * lift, 1e-4)
         needed = (speed**2 - allowed) / (2.0 * np.maximum(distance, speed * LOOK_AHEAD_S))

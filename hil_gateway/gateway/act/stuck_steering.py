@@ -27,8 +27,6 @@ from hil_gateway.track.track import Track
 STEP_S = 0.1
 SLIDES_AFTER_S = (0.0, 0.2, 0.4, 0.8, 1.6, math.inf)
 """s of rolling before the slide: the ways that are compared"""
-SLIDING = 0.8
-"""of the grip that tyres have when they slide on dry asphalt"""
 
 
 class StuckSteering:
@@ -42,6 +40,8 @@ class StuckSteering:
         self._apart = BEYOND_NOISE * next(iter(car.imus.values())).rate_noise
         """rad/s by which one of the angles must explain the yaw rate better than the other"""
         self._grip = partial(config.grip, car.vehicle)
+        self._sliding = math.sin(0.5 * math.pi * car.tyres.c)
+        """of the grip that tyres have when they slide: where their curve sin(c atan(b s)) ends"""
         self._angles: deque[tuple[float, float]] = deque(maxlen=self._of.window)
         """reported and asked, rad at the road wheel"""
         self._reported = self._asked = 0.0
@@ -114,7 +114,7 @@ class StuckSteering:
             rolls, grip = since_s < slides_after_s, self._grip(speed)
             turns = turned * self._vehicle.turns(speed, understeer) if rolls else 0.0
             pose = pose.onward(STEP_S * speed, STEP_S * turns)
-            speed -= STEP_S * (beside(turns * speed, grip) if rolls else SLIDING * grip)
+            speed -= STEP_S * (beside(turns * speed, grip) if rolls else self._sliding * grip)
             s, lateral = track.project(pose.x, pose.y, s)
             since_s += STEP_S
         return least

@@ -19,9 +19,6 @@ from hil_gateway.observer.observer import SLOWEST, Acts, Observer
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_S
 
-MOST_GRIP = 1.6
-"""friction that no tyres exceed: what they slow a car down by with its downforce and drag at its fastest is the most.
-Wheels that slow down faster have locked"""
 UNDERSTEER = 1e-3
 """rad per m/s2 of lateral force before anything has been learnt: a racing car at moderate lateral force"""
 UNDERSTEER_MOST = 2.0 * UNDERSTEER
@@ -102,7 +99,8 @@ class MotionReader:
         self._per_pa = car.powertrain.brake_force_per_pa / car.vehicle.mass
         self._per_drive = car.powertrain.force_per_drive / car.vehicle.mass
         fastest = car.actuators.speed_max
-        self._slowing_most = MOST_GRIP * car.vehicle.pressed(fastest) + car.vehicle.drag(fastest)
+        self._slowing_most = car.most_grip * car.vehicle.pressed(fastest) + car.vehicle.drag(fastest)
+        """m/s2: wheels that slow down faster have locked"""
         self._turns_in_s = car.turns_in_s
         self._lately, self._under_brakes = FadingRatio(LEARNT, UNDERSTEER, 1.0), FadingRatio(LEARNT)
         self._taught: deque[_Taught] = deque([self._teaches()], maxlen=round(RENEWED_S / PERIOD_S))

@@ -13,7 +13,6 @@ from itertools import pairwise
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.car import Car
-from hil_gateway.gateway.perceive.motion import MOST_GRIP
 from hil_gateway.gateway.perceive.received import STUCK_FRAMES
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.settings.gateway import PERIOD_S
@@ -42,7 +41,7 @@ class ImuMonitor:
         self._least = [BEYOND_NOISE * n for n in (imu.rate_noise, imu.acceleration_noise, imu.acceleration_noise)]
         """steps beside noise, rad/s and m/s2"""
         against = v.static_load_front * v.lf + v.static_load_rear * v.lr
-        self._kick = PERIOD_S * MOST_GRIP * against / v.yaw_inertia
+        self._kick = PERIOD_S * car.most_grip * against / v.yaw_inertia
         """rad/s by which both axles against each other change the yaw rate in a period"""
         self._readings: deque[tuple[float, float, float]] = deque(maxlen=2 * STEADY)
         """yaw rate, rad/s; lateral and longitudinal specific force, m/s2"""

@@ -32,7 +32,7 @@ def rig() -> Rig:
 
 
 def stopping(track=None) -> Stopping:
-    return Stopping(VEHICLE, StopConfig(), 50_000.0, track)
+    return Stopping(load_car(), StopConfig(), track)
 
 
 def following(x: Array, y: Array) -> Stopping:
