@@ -61,8 +61,6 @@ class Monitors:
         """whether it no longer measures, or was silent or implausible alone in this stop: it may come back late"""
         self._estimate_gone = False
         """whether there was none during this stop: what comes back has a gap, which what is reckoned has not"""
-        self._without_wheels, self._without_imu = ConditionTime(), ConditionTime()
-        """a source that is not believed any more stops the car, whatever it says from then on"""
         self._road = None if track is None else RoadMonitor(track, car.vehicle.half_width)
 
     @property
@@ -122,12 +120,12 @@ class Monitors:
         tells = state.sources["imu"].valid and not self._imu_gone and speed > SLOWEST
         unanswered_s = self._acceleration.step(now_ns, state.ax, self._following.obeyed if tells else ())
         self._distrust(sensors, max(sensors.speed, unanswered_s))
-        no_wheels, no_imu = self.wheels_wrong, self.imu_wrong
+        # a source that is not believed any more stops the car, whatever it says from then on
         return {
             "position_wrong": math.inf if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
-            "wheel_speed_wrong": max(sensors.wheels, self._without_wheels.update(no_wheels, now_ns)),
-            "yaw_rate_wrong": max(sensors.imu, self._without_imu.update(no_imu, now_ns) + CONTRADICTED_S * no_imu),
+            "wheel_speed_wrong": math.inf if self.wheels_wrong else sensors.wheels,
+            "yaw_rate_wrong": math.inf if self.imu_wrong else sensors.imu,
             "acceleration_wrong": sensors.speed,
             "steering_stuck": steering_s,
             "pedals_stuck": pedals_s,
