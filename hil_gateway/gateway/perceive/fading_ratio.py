@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-LEARNT = 0.005
-"""weight of a period or an estimate: two seconds"""
-
 
 @dataclass
 class FadingRatio:

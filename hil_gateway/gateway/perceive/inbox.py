@@ -11,13 +11,13 @@ from hil_gateway.bus.messages import Estimate, FailsafeAction, OperatorAction, O
 from hil_gateway.bus.outside import Navigation
 from hil_gateway.bus.track_day.run import RunPhase, RunStatus
 from hil_gateway.gateway.command_gate import CommandGate, Refusal
-from hil_gateway.gateway.perceive.duration import NAMED_S
+from hil_gateway.gateway.perceive.duration import NAMED_S, SILENT_S
 from hil_gateway.gateway.requests import REQUESTS
 from hil_gateway.process.clock import NS_PER_S
 
-ESTIMATE_MAX_S = 0.1
-"""An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
-gateway or the estimator was held up does not pass for new."""
+ESTIMATE_MAX_S = topics.ESTIMATE.deadline_s + SILENT_S
+"""An estimate of an older state is none: so long it may be on its way, and be made. The state's stamp is the gateway's
+own, so that what lay in a queue while the gateway or the estimator was held up does not pass for new."""
 QUEUE = 64
 """messages of other processes in a period: 20 come of four receivers that send 500 a second each"""
 REQUESTS_KEPT = 4096

@@ -11,7 +11,7 @@ from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
-from hil_gateway.gateway.perceive.fading_ratio import LEARNT, FadingRatio
+from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.road_speed import Wheels, at_the_middle, wheel_speeds
 from hil_gateway.observer.bank import RENEWED_S
 from hil_gateway.observer.longitudinal import NOISE
@@ -32,6 +32,8 @@ SHORTEST_SHARE = 0.4
 """of the wheelbase at least that a car turns as if it had: one that oversteers more is not steady"""
 SPIN_LEAST = 0.6
 """front over rear wheels' speed: driven wheels do not spin by more than two thirds; less is a dead front sensor"""
+LEARNT = PERIOD_S / RENEWED_S
+"""weight of a period: what is learnt is as old as what the observer judges an IMU by"""
 
 
 def periods_late(car: Car) -> int:

@@ -13,6 +13,7 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
+from hil_gateway.gateway.perceive.monitors.imu import BEYOND_NOISE
 from hil_gateway.gateway.perceive.motion import BRAKED, UNDERSTEER_MOST, periods_late
 from hil_gateway.observer.bank import GATE
 from hil_gateway.observer.observer import SLOWEST
@@ -25,9 +26,6 @@ PEDALS = 0.12
 """of the full accelerator, and of the full pressure of a brake: scatter of pads and lines"""
 BRAKED_SHARE = 0.3
 """of what was commanded: cars with hot brakes, wet tyres and an unequal balance do better"""
-PUSHED = 1.2
-"""m/s2 forward with the accelerator closed: specific force has no gravity in it, so only drag and the IMU's bias (0.3)
-are left, and drag is backward"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,11 +179,13 @@ class AccelerationMonitor:
 
     def __init__(self, car: Car) -> None:
         self._per_pa = car.powertrain.brake_force_per_pa / car.vehicle.mass
+        self._pushed = BEYOND_NOISE * next(iter(car.imus.values())).acceleration_noise
+        """m/s2 forward with the accelerator closed: specific force has no gravity in it, and drag is backward"""
         self._held = ConditionTime()
 
     def step(self, now_ns: int, ax: float, commands: Sequence[ActuatorPositions]) -> float:
         """Seconds the car has not done what all of these commands ask, none where nothing can tell."""
-        pushed = len(commands) > 0 and ax > PUSHED and all(c.accelerator == 0.0 for c in commands)
+        pushed = len(commands) > 0 and ax > self._pushed and all(c.accelerator == 0.0 for c in commands)
         return self._held.update(pushed or (len(commands) > 0 and self._unbraked(ax, commands)), now_ns)
 
     def _unbraked(self, ax: float, commands: Sequence[ActuatorPositions]) -> bool:
