@@ -165,7 +165,7 @@ class Gateway:
     def _read_bus(self, now_ns: int, before: Decision) -> None:
         """Commands and plans."""
         self.inbox.read_commands(now_ns, before.action)
-        self.inbox.read_plan(now_ns)
+        self.inbox.plan.update(now_ns)
 
     def _perceive(self, now_ns: int, state: VehicleState, before: Decision) -> tuple[Motion, Pose | None, Measures]:
         """How the car moves and where it is, by the sources that fit each other, and what the monitors measure."""
@@ -221,7 +221,7 @@ class Gateway:
         request, age_s = self.inbox.read_request(now_ns), self.inbox.gate.age_s(now_ns)
         situation = self._conditions.situation(
             now_ns, state, request, before, age_s, self.inbox.estimate, monitored,
-            self.inbox.plan, self.inbox.gate.newest, self.inbox.read_run(now_ns),
+            self.inbox.plan.latest, self.inbox.gate.newest, self.inbox.run.update(now_ns),
         )  # fmt: skip
         self.decision = decide(situation, before)
         self.seen = state, situation.conditions

@@ -129,7 +129,7 @@ def _of_who_speaks(situation: Situation, inbox: Inbox) -> dict[str, str]:
     """Cause -> what is missing, without the remedy to start a process that speaks; with what its plans say of it."""
     waits = situation.conditions.unready.get("plan_standing", "")
     speak = {"estimator": ""} if inbox.estimate.alive(situation.now_ns) else {}
-    speak |= {"planner": f": {waits}" if waits else ""} if inbox.plan.alive(situation.now_ns) else {}
+    speak |= {"planner": f": {waits}" if waits else ""} if inbox.plan.latest.alive(situation.now_ns) else {}
     return {row.cause: row.meaning + speak[row.awaits] for row in TABLE if row.awaits in speak}
 
 

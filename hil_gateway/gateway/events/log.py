@@ -39,7 +39,7 @@ class EventLog:
         found: list[Change] = []
         if (seen := Seen.of(now_ns, gateway, bus_state)) is not None:
             found, self._seen = list(changes(self._seen, seen)), seen
-        for change in chain(found, self._others.step(now_ns, gateway.inbox.plan)):
+        for change in chain(found, self._others.step(now_ns, gateway.inbox.plan.latest)):
             self._publish(now_ns, change)
 
     def _publish(self, now_ns: int, change: Change) -> None:

@@ -7,9 +7,9 @@ from math import inf
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
-from hil_gateway.bus.messages import Estimate, FailsafeAction, OperatorAction, OperatorCommand, Plan
+from hil_gateway.bus.messages import Estimate, FailsafeAction, OperatorAction, OperatorCommand
 from hil_gateway.bus.outside import Navigation
-from hil_gateway.bus.track_day.run import RunPhase, RunStatus
+from hil_gateway.bus.track_day.run import RunPhase
 from hil_gateway.gateway.command_gate import CommandGate, Refusal
 from hil_gateway.gateway.perceive.duration import NAMED_S, SILENT_S
 from hil_gateway.gateway.requests import REQUESTS
@@ -46,21 +46,17 @@ class Inbox:
         """and whether a person gives them"""
         self._operator = bus.subscribe(topics.OPERATOR, depth=REQUESTS_KEPT)
         self._navigation = bus.subscribe(topics.NAVIGATION, depth=QUEUE)
-        self._plan = LatestReader(bus, topics.PLAN)
+        self.plan = LatestReader(bus, topics.PLAN)
         self._estimates = bus.subscribe(topics.ESTIMATE)
         self.estimate = NewestEstimate(topics.ESTIMATE.deadline_s)
-        self._run = LatestReader(bus, topics.RUN)
+        self.run = LatestReader(bus, topics.RUN)
+        """where in its run the planner says that the car is"""
         self._starts_seen: set[tuple[str, str, int, int]] = set()
         self.gate = CommandGate(latency_max_s)
         self.refused: dict[str, int] = {}
         self.second_source = ""
         """who sends commands without having the right to; empty: nobody, of late"""
         self._second_ns = 0
-
-    @property
-    def plan(self) -> Latest[Plan]:
-        """The newest plan."""
-        return self._plan.latest
 
     @property
     def command_source(self) -> str:
@@ -82,23 +78,15 @@ class Inbox:
         """What receivers on the network have said, oldest first."""
         return self._navigation.poll(now_ns)
 
-    def read_plan(self, now_ns: int) -> None:
-        """Take the newest plan."""
-        self._plan.update(now_ns)
-
     def read_estimate(self, now_ns: int) -> Estimate | None:
         """The newest estimate, while it is valid or lacks the heading only, for which it then has the track's."""
         for estimate in self._estimates.poll(now_ns):
             self.estimate.put(estimate, now_ns)
         return self.estimate.message if usable(self.estimate, now_ns) else None
 
-    def read_run(self, now_ns: int) -> Latest[RunStatus]:
-        """Where in its run the planner says that the car is."""
-        return self._run.update(now_ns)
-
     def planner_starts(self, now_ns: int) -> bool:
         """Whether a planner has announced itself that cannot plan yet."""
-        run = self._run.latest
+        run = self.run.latest
         return run.alive(now_ns) and run.message is not None and run.message.phase is RunPhase.STARTING
 
     def read_request(self, now_ns: int) -> OperatorAction | None:
