@@ -75,6 +75,11 @@ class Vehicle(Model):
         """Gravity and downforce over the mass at `speed` (m/s), m/s2."""
         return GRAVITY + self.downforce(speed) / self.mass
 
+    def axles_pressed(self, speed: float) -> tuple[float, float]:
+        """The same of front and rear axle, over the mass that each carries at rest."""
+        pressure = -0.5 * self.air_density * speed**2 * self.wheelbase / self.mass
+        return GRAVITY + pressure * self.lift_area_front / self.lr, GRAVITY + pressure * self.lift_area_rear / self.lf
+
     def turns(self, speed: float, understeer: float) -> float:
         """Yaw rate over the tangent of the road-wheel angle, 1/s, at `speed` (m/s): v / (L + K v^2) with the understeer
         K, rad a m/s2 of lateral force."""

@@ -7,12 +7,13 @@ angle delta with its zero delta_0)
 
 an axle makes the specific force (of the whole car, were the other axle like it)
 
-    a_i = mu k_i sqrt(g(v)^2 - a_x^2) tanh(alpha_i / s_i) (1 + e_i)
+    a_i = mu_i g_i (sqrt(1 - (kappa b_i / (mu_i g_i))^2) tanh(alpha_i / s_i) + e_i)
 
-with g(v) gravity and downforce over the mass, a_x what engine or brakes ask for, k_i the load that they shift, and e_i
-what the model is wrong by, correlated in time. For tanh stands the line that fits it best where the slip angle may be
-(statistical linearisation: A. Gelb, Applied Optimal Estimation, 1974, ch. 6): a tangent is too sure of a car that
-slides. From there
+with g_i the axle's load by gravity, downforce, engine and brakes over the mass that it carries at rest, b_i what engine
+and brakes ask of it, of which the front axle takes a share beta more than declared, kappa the ellipse of friction, and
+e_i what the model is wrong by, correlated in time. For tanh and root stands the line that fits them best where slip
+angle and balance may be, and what it leaves of them is noise (statistical linearisation: A. Gelb, Applied Optimal
+Estimation, 1974, ch. 6): a tangent is too sure of a car that slides. From there
 
     dv_y/dt = a_y - v r - gravity across    dr/dt = m l_f l_r / (L I_z) (a_f - a_r)    a_y = (l_r a_f + l_f a_r) / L
 
@@ -23,6 +24,7 @@ the less grip the force across leaves (friction circle).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -34,18 +36,22 @@ from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.observer.bank import FILTERS, GATE, Bank
 from hil_gateway.observer.kalman_step import Known, step_function
-from hil_gateway.observer.numbers import Given, given, numbers_of
+from hil_gateway.observer.numbers import BODY, GRAVITY_S, SLIP_S, YIELDS, Given, given, numbers_of
 from hil_gateway.process.arrays import Array, Expr
 from hil_gateway.process.compiled import CompiledFunction
 
 STATES = (
     "side_speed", "yaw_rate", "front_error", "rear_error", "front_slip", "rear_slip", "gravity_error",
-    "steer_zero", "steer_delay", "front_slope", "rear_slope", "grip", "gyro_offset", "force_offset", "front_radii",
-    "rear_radii",
+    "steer_zero", "steer_delay", "front_slope", "rear_slope", "front_grip", "rear_grip", "ellipse", "brake_share",
+    "height", "gyro_offset", "force_offset", "front_radii", "rear_radii",
 )  # fmt: skip
 """v_y m/s, r rad/s, e_f, e_r, w_f, w_r rad/s, gravity across that the map lacks m/s2; then what is slow about the car:
-delta_0 rad, tau s, s_f, s_r rad, mu, of gyro rad/s and accelerometer m/s2, m_f, m_r 1/m"""
-VY, R, EF, ER, WF, WR, GB, ZERO, DELAY, SF, SR, MU, GYRO, FORCE, MF, MR = range(len(STATES))
+delta_0 rad, tau s, s_f, s_r rad, mu_f, mu_r, kappa, beta, height of the centre of gravity m, offsets of gyro rad/s and
+accelerometer m/s2, m_f, m_r 1/m"""
+(
+    VY, R, EF, ER, WF, WR, GB,
+    ZERO, DELAY, SF, SR, MUF, MUR, ELLIPSE, SHARE, H, GYRO, FORCE, MF, MR,
+) = range(len(STATES))  # fmt: skip
 FAST = GB + 1
 """so many states are forgotten while the car stands"""
 
@@ -59,8 +65,9 @@ class LateralPeriod(NamedTuple):
     """road-wheel angle"""
     steer_rate: float
     """its mean rate over the time by which the road wheels may be late"""
-    braking: float
-    """m/s2 by both brakes, as declared for their pressures"""
+    braked_front: float
+    """m/s2 by the brakes of an axle, as declared for their pressure"""
+    braked_rear: float
     pushing: float
     """m/s2 by the engine, as declared"""
     gravity_across: float
@@ -80,50 +87,41 @@ class LateralNoise:
 
     force: float = 0.05
     """of a tyre's force: load transfer across, camber, road"""
-    force_braked: float = 0.3
-    """times the square of the share of its grip that an axle may brake or drive with: the other one does less"""
     force_s: float = 0.5
     """its time constant: a bend takes longer, a bump less"""
     slip: float = 0.01
     """rad/s between the wheels of an axle that rolls"""
-    slip_per_force: float = 0.002
-    """of the speed of a wheel a m/s2 of engine or brakes: half of what slicks slip (0.004), as the inner wheel carries
-    less"""
+    slip_share: float = 0.5
+    """of the slip by which wheels carry engine and brakes: the inner one carries less"""
     slip_at_limit: float = 1.0
     """of the speed of a wheel: under brakes that take all of the grip it locks, and says nothing"""
-    slip_s: float = 0.3
-    """its time constant: brakes and throttle move as fast"""
     wheels: float = 0.025
     """rad/s a sample of an axle: tread"""
     gyro: float = 0.0036
     """rad/s a sample: vibration"""
-    ay: float = 0.49
-    """m/s2 a sample: roll of the body behind the filter of the sensor (0.05 s)"""
-    yaw_walk: float = 0.08
+    yaw_walk: float = 0.05
     """rad/s, per square root of a second: gusts, kerbs"""
     yaw_walk_unknown: float = 1.0
     """the same of a car that does not steer as it reports: 3 rad/s2 for a tenth of a second"""
     gravity: float = 0.7
     """m/s2: banks of 4 deg that the map smooths or lacks"""
-    gravity_s: float = 5.0
-    """its time constant: 300 m of road"""
     slide: float = 0.15
     """rad of rear slip angle that a car is driven with at most; half of it moves the steering zero in long bends"""
     slide_s: float = 1.0
     """so long"""
     least_left: float = 0.3
     """of the grip that a tyre has left one way where all of it seems to be used the other way"""
-    transferred: float = 0.5
-    """of the load that engine and brakes shift which a tyre turns into grip: it grows less than its load"""
+    brake_share: float = 0.1
+    """share of the brakes' force that acts in front beyond the declared one: worn or glazed pads, air in a circuit"""
 
 
 NOISE = LateralNoise()
-TIMES = {EF: NOISE.force_s, ER: NOISE.force_s, WF: NOISE.slip_s, WR: NOISE.slip_s, GB: NOISE.gravity_s}
+TIMES = {EF: NOISE.force_s, ER: NOISE.force_s, WF: SLIP_S, WR: SLIP_S, GB: GRAVITY_S}
 """time constants of what is correlated in time, s"""
 
 
 def prior(car: Car) -> tuple[Array, Array]:
-    """Mean and standard deviation of `STATES` before the car has driven, by the numbers of its folder; (15,) each."""
+    """Mean and standard deviation of `STATES` before the car has driven, by the numbers of its folder; (20,) each."""
     tyres, vehicle, imu = car.tyres, car.vehicle, next(iter(car.imus))
     slopes = [1.0 / (tyres.bf * tyres.cf), 1.0 / (tyres.br * tyres.cr)]
     spread = [
@@ -131,12 +129,16 @@ def prior(car: Car) -> tuple[Array, Array]:
         for axle, b, c in (("f", tyres.bf, tyres.cf), ("r", tyres.br, tyres.cr))
     ]
     unequal = np.sqrt(2.0) * car.std("vehicle.wheel_radius") / vehicle.wheel_radius
-    mean = [0.0] * FAST + [0.0, car.actuators.angle_delay, *slopes, tyres.df, 0.0, 0.0, 0.0, 0.0]
+    mean = [
+        *[0.0] * FAST, 0.0, car.actuators.angle_delay, *slopes, tyres.df, tyres.dr, tyres.combined_slip, 0.0,
+        vehicle.cg_height, *[0.0] * 4,
+    ]  # fmt: skip
     std = [
         0.5, 0.1, NOISE.force, NOISE.force, NOISE.slip, NOISE.slip, NOISE.gravity,
         car.std("sensors.steering_offset") / vehicle.steering_ratio, car.std("actuators.angle_delay"),
-        slopes[0] * spread[0], slopes[1] * spread[1], car.std("tyres.df"), car.std(f"imu.{imu}.rate_offset"),
-        car.std(f"imu.{imu}.acceleration_offset"),
+        slopes[0] * spread[0], slopes[1] * spread[1], car.std("tyres.df"), car.std("tyres.dr"),
+        car.std("tyres.combined_slip"), NOISE.brake_share, car.std("vehicle.cg_height"),
+        car.std(f"imu.{imu}.rate_offset"), car.std(f"imu.{imu}.acceleration_offset"),
         unequal / vehicle.track_front, unequal / vehicle.track_rear,
     ]  # fmt: skip
     return np.array(mean), np.array(std)
@@ -150,8 +152,8 @@ class Turning:
 
     def __init__(self, given: Given, period: LateralPeriod) -> None:
         self.car, self.u, self._sensing, self._slow = given.vehicle, period, given.sensing, given.slow
-        self._along = ca.fmax(period.braking, period.pushing)
-        self._pressed = self.car.pressed(period.speed)
+        self._braking = period.braked_front + period.braked_rear
+        self._pressed = self.car.axles_pressed(period.speed)
 
     def after(self, x: Expr, known: Known) -> Expr:
         """States one period on."""
@@ -164,19 +166,9 @@ class Turning:
 
     def noise(self, x: Expr, known: Known) -> Expr:
         """Variances that the period adds."""
-        u, n, (front, rear) = self.u, NOISE, self._saturation(x, known)
-        acts = u.braking, ca.fmax(u.braking, u.pushing)  # the engine drives the rear wheels
-        braked, locks = (
-            [size * (a / (x[MU] * self._pressed)) ** power for a in acts]
-            for size, power in ((n.force_braked, 2), (n.slip_at_limit, 4))
-        )
-        slips = [n.slip_per_force * along for along in (u.braking, u.braking + u.pushing)]
-        coloured = {
-            EF: n.force + braked[0], ER: n.force + braked[1],
-            WF: n.slip + (slips[0] / left(front) + locks[0]) * u.speed / self.car.track_front,
-            WR: n.slip + (slips[1] / left(rear) + locks[1]) * u.speed / self.car.track_rear,
-            GB: n.gravity,
-        }  # fmt: skip
+        u, n, slipping = self.u, NOISE, self._slipping(x)
+        errors = [n.force * ca.fabs(share.at) + share.rest for share in self._shares(x, known)]
+        coloured = {EF: errors[0], ER: errors[1], WF: slipping[0], WR: slipping[1], GB: n.gravity}
         added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in coloured.items()]
         turning = u.steers * n.yaw_walk**2 + (1.0 - u.steers) * n.yaw_walk_unknown**2
         return ca.vertcat(0.0, turning * u.dt, *added, *(u.dt * walk for walk in self._slow))
@@ -196,24 +188,59 @@ class Turning:
         """An IMU that is turned or ahead of its place feels other forces, too."""
         n, s = NOISE, self._sensing
         wheels = [n.wheels**2 + 2.0 * (s.wheel / track) ** 2 for track in (self.car.track_front, self.car.track_rear)]
-        ay = n.ay**2 + s.force**2 + (s.turn * self._along) ** 2 + (s.ahead * self._turning(x, known)) ** 2
+        along = self._braking + self.u.pushing
+        ay = BODY**2 + s.force**2 + (s.turn * along) ** 2 + (s.ahead * self._turning(x, known)) ** 2
         return *wheels, n.slide**2 * n.slide_s / self.u.dt, n.gyro**2 + s.rate**2, ay
 
-    def _saturation(self, x: Expr, known: Known) -> tuple[Expr, Expr]:
-        """tanh(alpha / s) of both axles."""
+    def _angles(self, x: Expr) -> tuple[Expr, Expr]:
+        """Slip angles of both axles over those that tell how stiff their tyres are."""
         car, u = self.car, self.u
         front = u.steer - u.steer_rate * x[DELAY] + x[ZERO] - (x[VY] + car.lf * x[R]) / u.speed
         rear = -(x[VY] - car.lr * x[R]) / u.speed
-        return saturated(front / x[SF], x, known), saturated(rear / x[SR], x, known)
+        return front / x[SF], rear / x[SR]
+
+    def _shares(self, x: Expr, known: Known) -> list[Line]:
+        """Shares of the grip of both axles that turn the car."""
+        across = [fitted(ca.tanh, angle, x, known) for angle in self._angles(x)]
+        kept = [fitted(left, used, x, known) for used in self._used(x)]
+        return [one.times(other) for one, other in zip(across, kept, strict=True)]
+
+    def _along(self, x: Expr) -> tuple[Expr, Expr]:
+        """What brakes ask of both axles, and engine of the rear one, m/s2 of the whole car were the other axle like it;
+        backwards."""
+        car, u, moved = self.car, self.u, x[SHARE] * self._braking
+        front, rear = u.braked_front + moved, u.braked_rear - moved - u.pushing
+        return front * car.wheelbase / car.lr, rear * car.wheelbase / car.lf
+
+    def _loads(self, x: Expr) -> tuple[Expr, Expr]:
+        """Of both axles over the mass that they carry at rest, m/s2; wheels that lift brake no more."""
+        car, (front, rear), shifted = self.car, self._pressed, x[H] * (self._braking - self.u.pushing)
+        least = NOISE.least_left
+        return ca.fmax(front + shifted / car.lr, least * front), ca.fmax(rear - shifted / car.lf, least * rear)
+
+    def _slipping(self, x: Expr) -> list[Expr]:
+        """By which the wheels of both axles slip apart, rad/s."""
+        n, car, across = NOISE, self.car, map(ca.tanh, self._angles(x))
+        slips = (YIELDS * ca.fabs(a) / load for a, load in zip(self._along(x), self._loads(x), strict=True))
+        parts = zip(slips, self._used(x), across, (car.track_front, car.track_rear), strict=True)
+        return [
+            n.slip + (n.slip_share * slip / left(side) + n.slip_at_limit * used**4) * self.u.speed / track
+            for slip, used, side, track in parts
+        ]
+
+    def _limits(self, x: Expr) -> tuple[Expr, Expr]:
+        """Grip of both axles across, m/s2."""
+        front, rear = self._loads(x)
+        return x[MUF] * front, x[MUR] * rear
+
+    def _used(self, x: Expr) -> list[Expr]:
+        """Share of the grip along that engine and brakes use of both axles."""
+        return [ca.fmin(x[ELLIPSE] * a / limit, 1.0) for a, limit in zip(self._along(x), self._limits(x), strict=True)]
 
     def _axles(self, x: Expr, known: Known) -> tuple[Expr, Expr]:
         """a_f, a_r, m/s2."""
-        car, n, (front, rear) = self.car, NOISE, self._saturation(x, known)
-        limit = x[MU] * self._pressed
-        across = limit * left(self._along / limit)
-        shifted = n.transferred * car.cg_height * (self.u.braking - self.u.pushing) / self._pressed
-        loads = 1.0 + shifted / car.lr, 1.0 - shifted / car.lf
-        return across * loads[0] * front * (1.0 + x[EF]), across * loads[1] * rear * (1.0 + x[ER])
+        (front, rear), limits = self._shares(x, known), self._limits(x)
+        return limits[0] * (front.at + x[EF]), limits[1] * (rear.at + x[ER])
 
     def _force(self, x: Expr, known: Known) -> Expr:
         """a_y, m/s2."""
@@ -226,13 +253,26 @@ class Turning:
         return car.mass * car.lf * car.lr / (car.wheelbase * car.yaw_inertia) * (front - rear)
 
 
-def saturated(slip: Expr, x: Expr, known: Known) -> Expr:
-    """tanh of a slip angle over its slope, as the line that fits it best where the slip angle may be: through what the
-    tyre makes at the mean and sqrt(3) deviations to either side (Gauss and Hermite's rule of three points)."""
-    mean = ca.substitute(slip, x, known.mean)
-    deviation = ca.sqrt(3.0 * known.variance(slip, x) + 1e-12)
-    low, middle, high = (ca.tanh(mean + i * deviation) for i in (-1.0, 0.0, 1.0))
-    return (low + 4.0 * middle + high) / 6.0 + (high - low) / (2.0 * deviation) * (slip - mean)
+class Line(NamedTuple):
+    """In place of a function that bends."""
+
+    at: Expr
+    rest: Expr
+    """standard deviation of what it leaves of the function"""
+
+    def times(self, other: Line) -> Line:
+        """The product."""
+        return Line(self.at * other.at, self.rest * ca.fabs(other.at) + ca.fabs(self.at) * other.rest)
+
+
+def fitted(function: Callable[[Expr], Expr], of: Expr, x: Expr, known: Known) -> Line:
+    """The line that fits a function best where `of` may be: through what it is at the mean and sqrt(3) deviations to
+    either side (Gauss and Hermite's rule of three points)."""
+    mean = ca.substitute(of, x, known.mean)
+    deviation = ca.sqrt(3.0 * known.variance(of, x) + 1e-12)
+    low, middle, high = (function(mean + i * deviation) for i in (-1.0, 0.0, 1.0))
+    line = (low + 4.0 * middle + high) / 6.0 + (high - low) / (2.0 * deviation) * (of - mean)
+    return Line(line, ca.fabs(low - 2.0 * middle + high) / math.sqrt(18.0))
 
 
 def left(used: Expr) -> Expr:

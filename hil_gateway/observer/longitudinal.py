@@ -18,7 +18,7 @@ import numpy as np
 from hil_gateway.car.car import Car
 from hil_gateway.observer.bank import FILTERS, GATE, Bank
 from hil_gateway.observer.kalman_step import Known, step_function
-from hil_gateway.observer.numbers import Given, given, numbers_of
+from hil_gateway.observer.numbers import BODY, GRAVITY_S, SLIP_S, YIELDS, Given, given, numbers_of
 from hil_gateway.process.arrays import Array, Expr
 from hil_gateway.process.compiled import CompiledFunction
 
@@ -55,20 +55,14 @@ class LongitudinalNoise:
     """time constant of both"""
     slip: float = 0.1
     """m/s of wheels that roll"""
-    slip_share: float = 0.0025
-    """of the speed a m/s2 of engine or brakes: what slicks slip"""
-    slip_s: float = 0.3
     gravity: float = 0.5
     """m/s2: grades of 5 % that the map lacks; side slip of 1 m/s at 0.5 rad/s"""
-    gravity_s: float = 5.0
     wheels: float = 0.096
     """m/s a sample: tread, the turn of the car"""
-    ax: float = 0.49
-    """m/s2 a sample: pitch of the body"""
 
 
 NOISE = LongitudinalNoise()
-TIMES = {E: NOISE.force_s, W: NOISE.slip_s, GB: NOISE.gravity_s}
+TIMES = {E: NOISE.force_s, W: SLIP_S, GB: GRAVITY_S}
 
 
 def prior(car: Car) -> tuple[Array, Array]:
@@ -90,8 +84,7 @@ class Speeding:
     judged = 1
 
     def __init__(self, given: Given, period: LongitudinalPeriod) -> None:
-        self.u, self._sensing, self._slow, car = period, given.sensing, given.slow, given.vehicle
-        self._drag = 0.5 * car.air_density * car.drag_area / car.mass
+        self.u, self._sensing, self._slow, self._car = period, given.sensing, given.slow, given.vehicle
 
     def after(self, x: Expr, known: Known) -> Expr:
         """States one period on."""
@@ -105,9 +98,8 @@ class Speeding:
         """Variances that the period adds; a force that changes acts some tenths of a second later, or not yet."""
         u, n = self.u, NOISE
         asked = u.braking + u.pushing
-        deviations = (
-            n.force + n.force_share * asked + 0.5 * u.changed, n.slip + n.slip_share * asked * x[V], n.gravity,
-        )  # fmt: skip
+        force = n.force + n.force_share * asked + 0.5 * u.changed
+        deviations = force, n.slip + x[V] * slipped(asked, self._car.pressed(x[V])), n.gravity
         added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in zip(TIMES, deviations, strict=True)]
         return ca.vertcat(0.0, *added, *(u.dt * walk for walk in self._slow))
 
@@ -121,11 +113,17 @@ class Speeding:
 
     def variances(self, x: Expr, known: Known) -> tuple[Expr, ...]:
         """Of one sample."""
-        return NOISE.wheels**2 + self._sensing.wheel**2, NOISE.ax**2 + self._sensing.force**2
+        return NOISE.wheels**2 + self._sensing.wheel**2, BODY**2 + self._sensing.force**2
 
     def _force(self, x: Expr) -> Expr:
         """a_x, m/s2."""
-        return x[ENGINE] * self.u.pushing - x[BRAKES] * self.u.braking - self._drag * x[V] ** 2 + x[E]
+        return x[ENGINE] * self.u.pushing - x[BRAKES] * self.u.braking - self._car.drag(x[V]) + x[E]
+
+
+def slipped(asked: Any, pressed: Any) -> Any:
+    """By which wheels slip, of their speed, that push or brake by `asked`, pressed down by `pressed`, m/s2; numbers or
+    symbols."""
+    return YIELDS * asked / pressed
 
 
 def longitudinal_bank(car: Car) -> Bank:

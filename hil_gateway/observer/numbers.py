@@ -22,6 +22,14 @@ class Sensing(NamedTuple):
     wheel: Expr
 
 
+YIELDS = 0.03
+"""slip of slicks over the share of their load that they push or brake with: C_x is 25 to 50 times the load"""
+SLIP_S = 0.3
+"""time constant of slip beyond that: brakes and throttle move as fast"""
+GRAVITY_S = 5.0
+"""that of gravity that the map lacks: 300 m of road"""
+BODY = 0.49
+"""m/s2 a sample: pitch and roll of the body behind the filter of an accelerometer (0.05 s)"""
 SLOW_S = 600.0
 """s in which what is slow about a car (tyres, pads, offsets) moves by as much as it differed at first"""
 

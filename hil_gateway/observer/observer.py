@@ -40,10 +40,16 @@ class Acts(NamedTuple):
 
     steer: float
     """road-wheel angle, rad"""
-    braking: float
-    """m/s2 by both brakes, as declared for their pressures"""
+    braked_front: float
+    """m/s2 by the brakes of an axle, as declared for their pressure"""
+    braked_rear: float
     pushing: float
     """m/s2 by the engine, as declared"""
+
+    @property
+    def braking(self) -> float:
+        """m/s2 by both brakes."""
+        return self.braked_front + self.braked_rear
 
 
 class Observer:
@@ -74,7 +80,7 @@ class Observer:
     def rear_yields(self, speed: float) -> float:
         """Slip angle of the rear axle away from its limit, rad a m/s2 of lateral force at `speed` (m/s), at most twice
         that of the declared tyres; without what the IMU has shown in the last seconds."""
-        now, declared = (x[lateral.SR] / x[lateral.MU] for x in (self._lateral.without.now, self._declared))
+        now, declared = (x[lateral.SR] / x[lateral.MUR] for x in (self._lateral.without.now, self._declared))
         return min(max(now, 0.0), 2.0 * declared) / self._vehicle.pressed(speed)
 
     @property
@@ -97,17 +103,19 @@ class Observer:
             self._lateral.pause()
             self._longitudinal.pause()
             return
-        wheels, (steer, braking, pushing) = state.sources["wheel_speeds"].valid, acts
+        wheels, gain = state.sources["wheel_speeds"].valid, self._longitudinal.without.now[longitudinal.BRAKES]
         speeds = state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
-        front, rear = lateral.rates_of_wheels(speeds, steer, self._vehicle)
+        front, rear = lateral.rates_of_wheels(speeds, acts.steer, self._vehicle)
         turning = lateral.LateralPeriod(
-            PERIOD_S, speed, steer, self._steer_rate, braking, pushing, gravity_across, front, rear,
-            state.yaw_rate, state.ay, float(steers),
+            PERIOD_S, speed, acts.steer, self._steer_rate, gain * acts.braked_front, gain * acts.braked_rear,
+            acts.pushing, gravity_across, front, rear, state.yaw_rate, state.ay, float(steers),
         )  # fmt: skip
         changed = max(self._asked) - min(self._asked)
         self._lateral.step(turning, (wheels, wheels, True), imu)
         self._longitudinal.step(
-            longitudinal.LongitudinalPeriod(PERIOD_S, braking, pushing, changed, rolled, state.ax), (wheels,), imu
+            longitudinal.LongitudinalPeriod(PERIOD_S, acts.braking, acts.pushing, changed, rolled, state.ax),
+            (wheels,),
+            imu,
         )
         if judges and steers:
             self._judge(wheels, imu)

@@ -14,7 +14,7 @@ from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.road_speed import Wheels, at_the_middle, wheel_speeds
 from hil_gateway.observer.bank import RENEWED_S
-from hil_gateway.observer.longitudinal import NOISE
+from hil_gateway.observer.longitudinal import slipped
 from hil_gateway.observer.observer import SLOWEST, Acts, Observer
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_S
@@ -98,7 +98,9 @@ class MotionReader:
 
     def __init__(self, car: Car, observer: Observer) -> None:
         self._vehicle, self._observer = car.vehicle, observer
-        self._per_pa = car.powertrain.brake_force_per_pa / car.vehicle.mass
+        per_pa, share = 2.0 * car.powertrain.brake_force_per_pa / car.vehicle.mass, car.powertrain.brake_share_front
+        self._per_pa = per_pa * share, per_pa * (1.0 - share)
+        """m/s2 of the brakes of front and rear axle"""
         self._per_drive = car.powertrain.force_per_drive / car.vehicle.mass
         fastest = car.actuators.speed_max
         self._slowing_most = car.most_grip * car.vehicle.pressed(fastest) + car.vehicle.drag(fastest)
@@ -129,7 +131,8 @@ class MotionReader:
         self._last_ns = now_ns
         self._asked.append(0.0 if commanded is None else commanded.steering_motor)
         acts = self._acts(state, commanded)
-        rolled = self._second_fastest(state) * (1.0 + NOISE.slip_share * acts.braking)
+        slip = slipped(acts.braking, self._vehicle.pressed(self.motion.speed))
+        rolled = self._second_fastest(state) * (1.0 + slip)
         speed = self._speed(state, dt, rolled, acts, course, commanded)
         self._observe(state, speed, rolled, acts)
         if self._gyro(state) and self._wheels(state) and speed > SLOWEST:
@@ -144,7 +147,8 @@ class MotionReader:
 
     def pressed(self, state: VehicleState) -> float:
         """Deceleration by the brakes as they are reported, m/s2."""
-        return (state.brake_front + state.brake_rear) * self._per_pa
+        front, rear = self._braked(state)
+        return front + rear
 
     def turned_within(self, seconds: float) -> float:
         """By how much the yaw rate has changed lately by the observer, rad/s; `COURSE_WINDOW` at most."""
@@ -172,9 +176,12 @@ class MotionReader:
         reported = state.sources["steering"].valid
         steer = state.steer if reported else self._asked[0] / self._vehicle.steering_ratio
         if state.sources["pedals"].valid:
-            return Acts(steer, self.pressed(state), max(state.drive, 0.0) * self._per_drive)
-        asked = 0.0 if commanded is None else commanded.brake_front + commanded.brake_rear
-        return Acts(steer, asked * self._per_pa, 0.0)
+            return Acts(steer, *self._braked(state), max(state.drive, 0.0) * self._per_drive)
+        return Acts(steer, *(self._braked(commanded) if commanded else (0.0, 0.0)), 0.0)
+
+    def _braked(self, pressures: VehicleState | ActuatorPositions) -> tuple[float, float]:
+        front, rear = self._per_pa
+        return pressures.brake_front * front, pressures.brake_rear * rear
 
     def _observe(self, state: VehicleState, speed: float, rolled: float, acts: Acts) -> None:
         judged, sources = self.judged, state.sources

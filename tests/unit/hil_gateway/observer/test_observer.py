@@ -17,7 +17,7 @@ from support.cars.scripted_car import reported_state
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.observer.kalman_step import Known
-from hil_gateway.observer.lateral import saturated
+from hil_gateway.observer.lateral import SHARE, fitted
 from hil_gateway.observer.observer import Acts, Observer
 
 CONFIG = Config()
@@ -45,6 +45,8 @@ class Drive:
         self._state, self._zero, self._late_s, self._weaves = state, zero, late_s, weaves
         self._rng = random.Random(3)
         self.observer, self._t, self._vy, self._r = Observer(CONFIG), 0.0, 0.0, 0.0
+        self.stiffer = 1.0, 1.0
+        """tyres of front and rear axle, than they are when they roll"""
 
     def run(
         self,
@@ -65,7 +67,7 @@ class Drive:
             state = self._state.model_copy(
                 update=change(reported | slower | {"ax": reported["ax"] - PUSHED + pushed - braking})
             )
-            acts, imu_reports = Acts(state.steer, braking, pushed), state.sources["imu"].valid
+            acts, imu_reports = Acts(state.steer, 0.54 * braking, 0.46 * braking, pushed), state.sources["imu"].valid
             speed = SPEED - 0.01 * tick * braking
             self.observer.step(state, speed, speed, acts, 0.0, imu_reports, judges=True, steers=steers)
             imu, wheels = max(imu, self.observer.imu_off), max(wheels, self.observer.wheel_off)
@@ -79,8 +81,8 @@ class Drive:
         (far, fast), ay, draw = self._weaves, 0.0, self._rng.gauss
         steer, late = (far * math.sin(fast * t) for t in (self._t, self._t - self._late_s))
         for _ in range(10):
-            front = FRONT * (late + self._zero - (self._vy + CAR.lf * self._r) / SPEED)
-            rear = -REAR * (self._vy - CAR.lr * self._r) / SPEED
+            front = self.stiffer[0] * FRONT * (late + self._zero - (self._vy + CAR.lf * self._r) / SPEED)
+            rear = -self.stiffer[1] * REAR * (self._vy - CAR.lr * self._r) / SPEED
             ay = (front + rear) / CAR.mass
             self._vy += 1e-3 * (ay - SPEED * self._r)
             self._r += 1e-3 * (CAR.lf * front - CAR.lr * rear) / CAR.yaw_inertia
@@ -115,10 +117,38 @@ def test_a_steering_later_than_it_reports_is_learnt_and_makes_no_imu_wrong(state
 def test_a_tyre_is_as_stiff_as_it_is_on_average_where_its_slip_may_be(mean: float, deviation: float) -> None:
     draw, x = random.Random(5), ca.SX.sym("x")
     slips = [draw.gauss(mean, deviation) for _ in range(20_000)]
-    line = saturated(x, x, Known(ca.SX(mean), ca.SX(deviation**2)))
-    height, slope = (float(ca.evalf(ca.substitute(e, x, mean))) for e in (line, ca.jacobian(line, x)))
+    line = fitted(ca.tanh, x, x, Known(ca.SX(mean), ca.SX(deviation**2)))
+    height, slope, rest = (
+        float(ca.evalf(ca.substitute(e, x, mean))) for e in (line.at, ca.jacobian(line.at, x), line.rest)
+    )
     assert height == pytest.approx(sum(map(math.tanh, slips)) / len(slips), abs=0.03)
     assert slope == pytest.approx(sum(1.0 - math.tanh(slip) ** 2 for slip in slips) / len(slips), abs=0.05)
+    off = [math.tanh(slip) - height - slope * (slip - mean) for slip in slips]
+    assert rest == pytest.approx(math.sqrt(sum(e**2 for e in off) / len(off)), abs=0.07)
+
+
+@pytest.mark.parametrize("beyond", [-0.1, 0.0, 0.1])
+def test_the_balance_of_the_brakes_is_learnt_from_how_the_car_turns(state: VehicleState, beyond: float) -> None:
+    """Tyres that brake hold less across, tyres that carry more hold more."""
+    drive, imu = Drive(state, weaves=(0.012, 3.0)), 0.0
+    for _ in range(6):
+        drive.stiffer = 1.0, 1.0
+        drive.run(3.0)
+        drive.stiffer = stiffer(0.54 + beyond, 10.0)
+        imu = max(imu, drive.run(1.0, braking=10.0)[0])
+    assert drive.observer._lateral.main.now[SHARE] == pytest.approx(beyond, abs=0.07)
+    assert imu < 0.5
+
+
+def stiffer(share: float, braking: float) -> tuple[float, float]:
+    """Tyres of front and rear axle, where the front one brakes with this `share` of `braking` (m/s2)."""
+
+    def axle(at_rest: float, arm: float, braked: float) -> float:
+        load, along = at_rest + braking * CAR.cg_height / arm, braked * braking * CAR.wheelbase / abs(arm)
+        return load / at_rest * math.sqrt(1.0 - (along / (1.6 * load)) ** 2)
+
+    front, rear = CAR.axles_pressed(SPEED)
+    return axle(front, CAR.lr, share), axle(rear, -CAR.lf, 1.0 - share)
 
 
 @pytest.mark.parametrize("signs", [(-1.0, -1.0, -1.0), (1.0, -1.0, -1.0)])
@@ -154,7 +184,7 @@ def test_wheels_that_are_all_a_fifth_wrong_do_not_fit_imu_and_engine(
     drive = Drive(state)
     drive.run(10.0)
     observer, now = drive.observer, state.model_copy(update=drive._reported())
-    observer.step(now, SPEED, share * SPEED, Acts(now.steer, 0.0, PUSHED), 0.0, imu=True, judges=True, steers=True)
+    observer.step(now, SPEED, share * SPEED, Acts(now.steer, 0.0, 0.0, PUSHED), 0.0, imu=True, judges=True, steers=True)
     assert (observer.speed_off > 1.0) is found
 
 
