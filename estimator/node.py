@@ -48,6 +48,7 @@ BEFORE = {name: BEFORE_STEP * k for k, name in enumerate(DRIVE_BEFORE, start=1)}
 LATE_STEER, LATE_DRIVE = 6, 15
 """samples, 0.06 and 0.15 s, by which steering and drive may act later than a model without their delay says"""
 
+_NEUTRAL = dict.fromkeys(AUXILIARY, 0.0)
 _TRACK_POSITION = [AUXILIARY.index("track_position")]
 
 
@@ -189,7 +190,7 @@ class SampleWindow:
     def _sample(self, yaw_acc: float) -> Sample:
         _, state, e, aux, covariance = self._rows[HALF_WINDOW]
         z = np.array([state.ax - e.bias_ax, state.ay - e.bias_ay, yaw_acc])
-        phi = self._revised.phi_at(aux[_TRACK_POSITION])[:, 0]
+        phi = self._revised.phi_at(aux[_TRACK_POSITION])[:, 0] if self._revised.profiles else self._revised.constants
         acting = acting_variance(self._steer), acting_variance(self._drive)
         return Sample(np.array([e.vx, e.vy, e.yaw_rate, e.steer, e.drive]), covariance, z, aux, phi, acting)
 
@@ -227,15 +228,15 @@ def _auxiliary(
 ) -> Array:
     """Values of `AUXILIARY` as the car reports them; what it does not report stays neutral. `drives` up to now."""
     first = len(drives) - 1
-    known = {
-        **{name: drives[max(first - ago, 0)] - estimate.drive for name, ago in BEFORE.items()},
+    reported = {
+        **_NEUTRAL, **{name: drives[max(first - ago, 0)] - estimate.drive for name, ago in BEFORE.items()},
         "track_position": track_position, "t": state.stamp_ns / NS_PER_S, "yaw": estimate.yaw,
         "throttle": state.throttle, "brake": 0.5 * (state.brake_front + state.brake_rear) / full_brake,
         "brake_balance": brake_balance(state.brake_front, state.brake_rear),
         "gear": float(state.gear), "engine_speed": state.engine_speed,
         "ax": state.ax - estimate.bias_ax, "steer_rate": state.steer_rate, "extra_load": extra_load(state.az),
     }  # fmt: skip
-    return np.array([known.get(name, 0.0) for name in AUXILIARY])
+    return np.array([*reported.values()])
 
 
 def belief_message(model: ModelInUse, stamp_ns: int, seq: int) -> Belief:

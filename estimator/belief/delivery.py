@@ -15,7 +15,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from estimator.belief.tyre_belief import PLAUSIBLE, BeliefSettings, Sample
+from estimator.belief.tyre_belief import BeliefSettings, Sample, plausible
 from estimator.model.measurement import compiled_for, of_any_car
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
 from hil_gateway.bus.delivered import Delivered
@@ -76,15 +76,13 @@ class Delivery:
 
     def push(self, sample: Sample, theta: Array, slips: tuple[float, float]) -> None:
         """Take in one sample of kind `imu_yaw` with the tyre parameters now believed; `slips` as `wheel_slips`."""
-        slow = sample.signals[0] < BeliefSettings.min_speed
-        if slow or not all(abs(value) < PLAUSIBLE for value in (*sample.z.tolist(), *sample.signals.tolist())):
+        if sample.signals[0] < BeliefSettings.min_speed or not plausible(sample):
             self.clear()
             return
-        inputs = self._function.inputs
-        inputs[0][:, 0], inputs[1][:, 0], inputs[2][:, 0] = sample.signals, sample.aux, theta
-        inputs[3][:, 0] = sample.phi
-        self._function()
-        ax, ay, yaw_acc, front, rear, along, *peaks = self._function.outputs[0][:, 0].tolist()
+        signals, aux, tyres, phi, _ = self._function.arguments
+        signals[:], aux[:], tyres[:], phi[:] = sample.signals, sample.aux, theta, sample.phi
+        self._function.evaluate()
+        ax, ay, yaw_acc, front, rear, along, *peaks = self._function.results[0].tolist()
         z = sample.z.tolist()
         missing = self._missing(z[0] - ax, z[1] - ay, z[2] - yaw_acc)
         measured = front + missing[0], rear + missing[1], along + missing[2]
@@ -109,12 +107,12 @@ class Delivery:
         rows = list(self._rows)
         if len(rows) < WINDOW:
             return None
-        if any(row.locking[0] or row.locking[1] for row in rows):
+        if any(True in row.locking for row in rows):
             held = float(np.mean([row.whole for row in rows]))  # no slip angle is known well where wheels give no speed
             front_locks, rear_locks = (all(row.locking[axle] for row in rows[-CONFIRMED:]) for axle in range(2))
             return Delivered(front=held, rear=held, brakes=None, locking=(front_locks, rear_locks))
         front, rear, brakes = (_share(rows, i) for i in range(3))
-        brakes = brakes if all(row.rolls for row in rows) else None
+        brakes = brakes if brakes is not None and all(row.rolls for row in rows) else None
         return None if front is rear is brakes is None else Delivered(front=front, rear=rear, brakes=brakes)
 
 
@@ -125,10 +123,10 @@ def _telling(force: float, least: float) -> float:
 def _share(rows: list[_Row], i: int) -> float | None:
     """Of the i-th force; None where one of the rows does not tell."""
     expected = [row.expected[i] for row in rows]
-    if not all(expected):
+    if 0.0 in expected:
         return None
-    given = sum(force * row.measured[i] for force, row in zip(expected, rows, strict=True))
-    return given / max(sum(force * force for force in expected), 1.0)
+    given = sum([force * row.measured[i] for force, row in zip(expected, rows, strict=True)])
+    return given / max(sum([force * force for force in expected]), 1.0)
 
 
 def _expected(model: SingleTrack) -> ca.Function:

@@ -12,13 +12,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import inf, sqrt
+from math import inf, isfinite, sqrt
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from estimator.belief.tyre_belief import PLAUSIBLE, Sample, measured_std
+from estimator.belief.tyre_belief import Sample, measured_std, plausible
 from estimator.model.effect import Effect
 from estimator.model.effects import catalogue
 from estimator.model.measurement import compiled_for, measurement, of_any_car
@@ -128,7 +128,7 @@ class ResidualMonitor:
         self._noise = _NoiseFloor()
         self._alerted_ns: dict[tuple[str, str], int] = {}
         self._count = self._looks = 0
-        self._unread: list[Array] = []
+        self._unread: list[list[float]] = []
 
     def residual(self) -> tuple[float, float, float] | None:
         """Mean residual of ax, ay (m/s2) and yaw acceleration (rad/s2) since the last call; None where nothing came."""
@@ -140,17 +140,16 @@ class ResidualMonitor:
 
     def push(self, sample: Sample, theta: Array, covariance: Array, stamp_ns: int) -> list[ModelAlert]:
         """Take in one sample with the tyre parameters now believed, and the covariance of them and of the effects."""
-        z = sample.z.tolist()
-        if not all(abs(value) < PLAUSIBLE for value in (*z, *sample.signals.tolist())):  # not-a-number is not
+        if not plausible(sample):
             return []
-        self._noise.add(z)
+        self._noise.add(sample.z.tolist())
         self._count += 1
         if self._count % DECIMATION or sample.signals[0] < 8.0:
             return []
         self._looks += 1
         residual, doubts = self._score.add(sample, theta, covariance)
         self._unread = [*self._unread[1 - UNREAD :], residual]
-        for channel, value, doubt in zip(SMALLEST, residual.tolist(), doubts, strict=True):
+        for channel, value, doubt in zip(SMALLEST, residual, doubts, strict=True):
             key = (channel, _condition(channel, sample))
             self._cells.setdefault(key, _Cell()).add(value, doubt, self._looks)
         return self._findings(sample, stamp_ns)
@@ -204,6 +203,7 @@ class _ScoreTest:
         self._channels = {effect.name: effect.channels for effect in self._candidates}
         n = len(self._scale)
         self._gram, self._moment, self._count = np.zeros((3, n, n)), np.zeros((3, n)), 0
+        self._change = np.empty_like(self._gram)
         self._energy = np.zeros(3)
         self._std = np.array(measured_std("imu_yaw", model.vehicle.mass))
 
@@ -214,24 +214,26 @@ class _ScoreTest:
             start += len(effect.parameters)
         return columns
 
-    def add(self, sample: Sample, theta: Array, covariance: Array) -> tuple[Array, list[Doubt]]:
+    def add(self, sample: Sample, theta: Array, covariance: Array) -> tuple[list[float], list[Doubt]]:
         """Residual of the three channels, m/s2 and rad/s2, and its doubts; also accumulated."""
-        inputs = self._function.inputs
-        inputs[0][:, 0], inputs[1][:, 0], inputs[2][:, 0] = sample.signals, sample.aux, theta
-        inputs[3][:, 0] = [*sample.phi, *self._neutral]
-        self._function()
-        h, sensitivity, motion = self._function.outputs
-        residual = sample.z - h[:, 0]
+        signals, aux, tyres, phi, _ = self._function.arguments
+        signals[:], aux[:], tyres[:], phi[:] = sample.signals, sample.aux, theta, [*sample.phi, *self._neutral]
+        self._function.evaluate()
+        h, sensitivity, motion = self._function.results
+        residual = sample.z - h
         if np.isfinite(residual).all() and np.isfinite(sensitivity).all():
             self._accumulate(residual / self._std, sensitivity * self._scale / self._std[:, None])
         by_belief = _variances(sensitivity[:, : len(covariance)], covariance)
         by_state = _variances(motion, sample.signal_covariance)
-        return np.nan_to_num(residual), [Doubt(*pair) for pair in zip(by_belief, by_state, strict=True)]
+        return _numbers(residual.tolist()), [Doubt(*pair) for pair in zip(by_belief, by_state, strict=True)]
 
     def _accumulate(self, r: Array, J: Array) -> None:
         self._count += 1
         gain = 1.0 / min(self._count, SCORE_WINDOW)
-        self._gram += gain * (J[:, :, None] * J[:, None, :] - self._gram)
+        change = np.multiply(J[:, :, None], J[:, None, :], out=self._change)
+        change -= self._gram
+        change *= gain
+        self._gram += change
         self._moment += gain * (J * r[:, None] - self._moment)
         self._energy += gain * (r * r - self._energy)
 
@@ -279,7 +281,12 @@ def _sensitivities(model: SingleTrack) -> ca.Function:
     return ca.Function("sensitivities", [signals, aux, theta, phi, vehicle], [h, *by])
 
 
+def _numbers(values: list[float]) -> list[float]:
+    """Zero for what is none."""
+    return values if all(map(isfinite, values)) else np.nan_to_num(values).tolist()
+
+
 def _variances(jacobian: Array, covariance: Array) -> list[float]:
     """Variance of each row of what is linear in something of this covariance; zero where numbers broke."""
-    variances: list[float] = np.nan_to_num(((jacobian @ covariance) * jacobian).sum(axis=1)).tolist()
-    return variances
+    found: list[float] = ((jacobian @ covariance) * jacobian).sum(axis=1).tolist()
+    return _numbers(found)

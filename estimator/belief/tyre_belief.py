@@ -79,6 +79,11 @@ class Sample(NamedTuple):
     input_variance: tuple[float, float] = (0.0, 0.0)
 
 
+def plausible(sample: Sample) -> bool:
+    """Whether its signals and its measurement can be those of a car; what is not a number cannot."""
+    return not [value for value in (*sample.signals.tolist(), *sample.z.tolist()) if not abs(value) < PLAUSIBLE]
+
+
 class TyreBelief:
     """Mean and covariance of theta given the data so far (p(theta_k | z_1..k) of the paper)."""
 
@@ -101,7 +106,7 @@ class TyreBelief:
         self._model = model_function(self)
         gate = self.settings.gate_sigma
         self._recursion = recursion_function(len(self.channel_variance), len(self.names), gate).twin()
-        self._recursion.inputs[3][:, 0] = self.scale
+        self._recursion.arguments[3][:] = self.scale
         self.reset()
 
     def reset(self) -> None:
@@ -139,27 +144,24 @@ class TyreBelief:
             return np.empty(0)
         at = self._linearised_at()
         self._predict_sample(sample, at)
-        *vectors, spread, covariance = self._recursion.inputs[4:]
-        error, acting = self._error_variance(), np.array(sample.input_variance)
-        given = sample.z, acting, active, error, at, self.deviation
-        for vector, values in zip(vectors, given, strict=True):
-            vector[:, 0] = values
+        z, acting, teaches, error, linearised, start, spread, covariance = self._recursion.arguments[4:]
+        z[:], acting[:], teaches[:], error[:] = sample.z, sample.input_variance, active, self._error_variance()
+        linearised[:], start[:] = at, self.deviation
         spread[:], covariance[:] = sample.signal_covariance, self.scaled_covariance
-        self._recursion()
-        deviation, covariance, nis = self._recursion.outputs
+        self._recursion.evaluate()
+        deviation, covariance, nis = self._recursion.results
         if isfinite(float(deviation.sum() + covariance.sum())):
-            self.deviation, self.scaled_covariance = deviation[:, 0].copy(), covariance.copy()
+            self.deviation, self.scaled_covariance = deviation.copy(), covariance.copy()
             self.samples += 1
             self._keep_sane(dt)
-            return np.asarray(nis[active, 0])
+            return np.asarray(nis[active])
         return np.empty(0)
 
     def _predict_sample(self, sample: Sample, at: Array) -> None:
         """What the model says of a sample at a scaled deviation, to the recursion."""
-        signals, aux, theta, phi, _ = self._model.inputs
-        signals[:, 0], aux[:, 0], phi[:, 0] = sample.signals, sample.aux, sample.phi
-        theta[:, 0] = self.prior + self.scale * at
-        self._model()
+        signals, aux, theta, phi, _ = self._model.arguments
+        signals[:], aux[:], phi[:], theta[:] = sample.signals, sample.aux, sample.phi, self.prior + self.scale * at
+        self._model.evaluate()
         for there, here in zip(self._recursion.inputs[:3], self._model.outputs, strict=True):
             there[:] = here
 
@@ -173,10 +175,9 @@ class TyreBelief:
 
     def _active_channels(self, sample: Sample) -> npt.NDArray[np.bool_]:
         """Which rows of z may teach: enough speed, and slip (lateral) or drive (longitudinal) to learn from."""
-        s, signals = self.settings, sample.signals.tolist()
-        vx, vy, yaw_rate, steer, drive = signals
-        plausible = all(abs(value) < PLAUSIBLE for value in (*signals, *sample.z.tolist()))  # NaN is not
-        if not (plausible and vx > s.min_speed):
+        s = self.settings
+        vx, vy, yaw_rate, steer, drive = sample.signals.tolist()
+        if not (plausible(sample) and vx > s.min_speed):
             return np.zeros_like(self._longitudinal)
         vehicle = self.model.vehicle
         slip_f = steer - atan2(vy + vehicle.lf * yaw_rate, vx)

@@ -156,7 +156,7 @@ class SingleTrack:
         """Positions in theta of what the force of the front and of the rear axle depends on."""
         return load_rows([p.name for p in self.tyre_table], self.layout)
 
-    @property
+    @cached_property
     def effect_table(self) -> tuple[Parameter, ...]:
         """Parameters of the active effects, in order; names are `effect.parameter`."""
         return tuple(p for effect in self.effects for p in effect.parameters)

@@ -62,6 +62,7 @@ class Localisation:
         """`placing`: as `StateFilter`."""
         self.filter = StateFilter(car, placing)
         self._track = track
+        self._road: tuple[list[float], ...] = (track.grade.tolist(), track.bank.tolist(), track.heading.tolist())
         self.track_position = 0.0
         self._started = self._resting = False
         self._alignment: Alignment | None = None
@@ -233,9 +234,10 @@ class Localisation:
         """Along the axes of the body from grade and bank of the declared track, m/s2."""
         track = self._track
         self.track_position, _ = track.project(x, y, self.track_position)
-        i = int(self.track_position / track.length * len(track.s)) % len(track.s)
-        uphill, left_up = sin(float(track.grade[i])), sin(float(track.bank[i]))
-        across = yaw - float(track.heading[i])
+        grades, banks, headings = self._road
+        i = int(self.track_position / track.length * len(grades)) % len(grades)
+        uphill, left_up = sin(grades[i]), sin(banks[i])
+        across = yaw - headings[i]
         c, s = cos(across), sin(across)
         return -GRAVITY * (c * uphill + s * left_up), -GRAVITY * (c * left_up - s * uphill)
 

@@ -102,7 +102,7 @@ class StateFilter:
 
     def _step(self, step: Step, measured: int) -> CompiledFunction:
         function = step_function(step, measured).twin()
-        function.inputs[4][:, 0] = self.car
+        function.arguments[4][:] = self.car
         return function
 
     def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, **std: float) -> None:
@@ -202,9 +202,10 @@ class StateFilter:
 
     def _apply(self, function: CompiledFunction, *measured: float) -> list[float]:
         """Evaluate one step from the present state into the next; its normalised innovations squared."""
-        mean, covariance, yaw_rate, u, _ = function.inputs
-        mean[:, 0], covariance[:], yaw_rate[0, 0], u[:, 0] = self.mean, self.covariance, self.yaw_rate, measured
-        function()
-        mean, covariance, yaw_rate, nis = function.outputs
-        self.mean, self.covariance, self.yaw_rate = mean[:, 0].copy(), covariance.copy(), float(yaw_rate[0, 0])
-        return list(nis[:, 0].tolist())
+        mean, covariance, yaw_rate, u, _ = function.arguments
+        mean[:], covariance[:], yaw_rate[0], u[:] = self.mean, self.covariance, self.yaw_rate, measured
+        function.evaluate()
+        mean, covariance, yaw_rate, nis = function.results
+        self.mean, self.covariance, self.yaw_rate = mean.copy(), covariance.copy(), float(yaw_rate[0])
+        found: list[float] = nis.tolist()
+        return found

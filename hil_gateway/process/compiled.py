@@ -121,7 +121,8 @@ class CompiledFunction:
     """One CasADi function with preallocated dense arguments.
 
     `inputs` and `outputs` are arrays in column-major order shaped as the function's; write into an input, `evaluate`
-    (or call), read an output. An instance serves one thread.
+    (or call), read an output. `arguments` and `results` are the same memory, vectors with one dimension. An instance
+    serves one thread.
     """
 
     def __init__(self, function: ca.Function, backend: str) -> None:
@@ -131,6 +132,7 @@ class CompiledFunction:
         self.outputs: tuple[Array, ...] = tuple(
             np.zeros(function.size_out(i), order="F") for i in range(function.n_out())
         )
+        self.arguments, self.results = (tuple(map(_plain, arrays)) for arrays in (self.inputs, self.outputs))
         self._buffer, self.evaluate = self._bind(function)
 
     def _bind(self, function: ca.Function) -> tuple[Any, Callable[[], None]]:
@@ -149,6 +151,11 @@ class CompiledFunction:
     def __call__(self) -> None:
         """Evaluate from `inputs` into `outputs`."""
         self.evaluate()
+
+
+def _plain(array: Array) -> Array:
+    """View of an array, of one dimension where it is a column."""
+    return array[:, 0] if array.shape[1] == 1 else array
 
 
 def _flat(array: Array) -> Any:

@@ -23,7 +23,6 @@ CORNERING = 0.5
 """share of the lateral peak at which the inner wheel has lost its part of the difference"""
 SWITCH = 300.0
 """N of force between braking and driving"""
-ACROSS = np.sin(np.linspace(0.0, 0.5 * np.pi, 101))
 
 
 def along_share(model: SingleTrack, phi: Expr) -> Expr:
@@ -36,8 +35,12 @@ def along_share(model: SingleTrack, phi: Expr) -> Expr:
 
 def counted(share: Expr, across: Expr, force: Expr) -> Expr:
     """What a `force` along, N, negative when braking, counts beside one of `across` times the peak."""
-    straight = 1.0 - ca.fmin((across / CORNERING) ** 2, 1.0)
-    return 1.0 - (1.0 - share) * straight * _braking(force)
+    return 1.0 - (1.0 - share) * _straight(across) * _braking(force)
+
+
+def _straight(across: Expr) -> Expr:
+    """1 on a straight, 0 in a bend that takes `across` times the peak."""
+    return 1.0 - ca.fmin((across / CORNERING) ** 2, 1.0)
 
 
 def doubted(doubt: Expr, force: Expr) -> Expr:
@@ -50,8 +53,12 @@ def _braking(force: Expr) -> Expr:
     return 0.5 * (1.0 - ca.tanh(force / SWITCH))
 
 
+ACROSS = np.sin(np.linspace(0.0, 0.5 * np.pi, 101))
+STRAIGHT = np.array([float(_straight(across)) for across in ACROSS])
+
+
 def left_across(share: float, along: Array) -> Array:
     """Share of the lateral peak that is left beside braking forces `along`, times the peak: sqrt(1 - x^2) on a circle,
     which a `share` of 1 is."""
-    most = np.sqrt(1.0 - ACROSS**2) / np.array([float(counted(share, w, -np.inf)) for w in ACROSS])
+    most = np.sqrt(1.0 - ACROSS**2) / (1.0 - (1.0 - share) * STRAIGHT)
     return np.asarray(np.interp(along, most[::-1], ACROSS[::-1]))
