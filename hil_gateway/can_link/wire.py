@@ -26,15 +26,16 @@ class VirtualWire:
         self._links.append(link)
         return link
 
-    def transmit(self, sender: WireLink, frame_id: int, data: bytes) -> bool:
-        """Put a frame into every other queue."""
-        if not self.up:
-            return False
+    def transmit(self, sender: WireLink, frame_id: int, data: bytes) -> None:
+        """Put a frame into every other queue; a full one loses the newest."""
         frame = Frame(frame_id, data, self._clock.now_ns())
         for link in self._links:
-            if link is not sender:
-                link.push(frame)
-        return True
+            if link is sender:
+                continue
+            if len(link.queue) < QUEUE_FRAMES:
+                link.queue.append(frame)
+            else:
+                link.counts.lost += 1
 
     def remove(self, link: WireLink) -> None:
         """Unplug one end; unplugging twice does nothing."""
@@ -49,29 +50,23 @@ class WireLink:
 
     def __init__(self, wire: VirtualWire) -> None:
         self._wire = wire
-        self._queue: deque[Frame] = deque()
+        self.queue: deque[Frame] = deque()
         self.counts = LinkStats()
-
-    def push(self, frame: Frame) -> None:
-        """Deliver a frame; a full queue loses the newest."""
-        if len(self._queue) >= QUEUE_FRAMES:
-            self.counts.lost += 1
-        else:
-            self._queue.append(frame)
 
     def receive(self, timeout_s: float = 0.0) -> list[Frame]:
         """All pending frames; time does not pass inside a single-process loop, so nothing is waited for."""
-        frames = list(self._queue)
-        self._queue.clear()
+        frames = list(self.queue)
+        self.queue.clear()
         self.counts.received += len(frames)
         return frames
 
     def send(self, frame_id: int, data: bytes) -> bool:
-        if self._wire.transmit(self, frame_id, data):
-            self.counts.sent += 1
-            return True
-        self.counts.send_failures += 1
-        return False
+        if not self._wire.up:
+            self.counts.send_failures += 1
+            return False
+        self.counts.sent += 1
+        self._wire.transmit(self, frame_id, data)
+        return True
 
     def stats(self) -> LinkStats:
         self.counts.bus_state = BusState.ERROR_ACTIVE if self._wire.up else BusState.DOWN

@@ -25,6 +25,8 @@ OUTPUT = {name: i for i, name in enumerate(OUTPUTS)}
 STEER = STATE["steer"]
 VELOCITY = slice(STATE["vx"], STATE["vy"] + 1)
 TYRE_USE = slice(OUTPUT["use_front"], OUTPUT["slip_rear"] + 1)
+BRAKES = slice(2, 4)
+"""of `Commands`"""
 SURROUNDINGS = INPUTS.index("gravity_x")
 """the inputs from there on are those of the place"""
 PACK_STEP, PACK_SURROUNDINGS = Struct(f"{SURROUNDINGS}d"), Struct(f"{len(INPUTS) - SURROUNDINGS}d")
@@ -40,30 +42,22 @@ class Commands(NamedTuple):
     gear: int = 0
 
 
-class DelayLine:
-    """The value of `steps` calls ago; before that, the first one."""
-
-    def __init__(self, steps: int) -> None:
-        self._line: deque[Any] = deque(maxlen=steps + 1)
-
-    def __call__(self, value: Any) -> Any:
-        self._line.append(value)
-        return self._line[0]
+def delay_line(delay_s: float) -> deque[Any]:
+    """What is appended in every step comes to its front so much later; before that, the first one is there."""
+    return deque(maxlen=round(delay_s / STEP_S) + 1)
 
 
 class LateActuators:
     """Actuator positions as they were: steering, throttle and both brakes, each after its own extra delay."""
 
     def __init__(self, parameters: PlantParameters) -> None:
-        self._steer = DelayLine(round(parameters.steer_late / STEP_S))
-        self._drive = DelayLine(round(parameters.drive_late / STEP_S))
-        self._delayed = parameters.steer_late > 0 or parameters.drive_late > 0
+        self._steer, self._drive = delay_line(parameters.steer_late), delay_line(parameters.drive_late)
+        self.delayed = parameters.steer_late > 0 or parameters.drive_late > 0
 
-    def __call__(self, actuators: memoryview) -> Any:
-        if not self._delayed:
-            return actuators
-        steer, *drive = actuators
-        return self._steer(steer), *self._drive(drive)
+    def __call__(self, steer: float, *drive: float) -> Sequence[float]:
+        self._steer.append(steer)
+        self._drive.append(drive)
+        return self._steer[0], *self._drive[0]
 
 
 class Car:
@@ -84,10 +78,10 @@ class Car:
         self._state, self._after, self._outputs, self._u = self._x.data, after.data, outputs.data, u.data
         p[:] = parameters.car.vector()
         h[0] = STEP_S
-        self._steer_line = DelayLine(round(parameters.steer_delay / STEP_S))
-        self._brake_line = DelayLine(round(parameters.brake_delay / STEP_S))
-        self._throttle_line = DelayLine(round(parameters.throttle_delay / STEP_S))
-        self._late_line = LateActuators(parameters)
+        self._steer_line, self._brake_line = delay_line(parameters.steer_delay), delay_line(parameters.brake_delay)
+        self._throttle_line = delay_line(parameters.throttle_delay)
+        self._late = LateActuators(parameters)
+        self._ratios = 0.0, *(gear * parameters.final_drive for gear in parameters.gears)
         self.gear = 0
         self.shifting = 0
         self.steps = 0
@@ -152,16 +146,15 @@ class Car:
         state = self._state
         if self.steps % ROAD_STEPS == 0:
             self._look_around()
+        steer, throttle, brakes = self._steer_line, self._throttle_line, self._brake_line
+        steer.append(commands.steer)
+        throttle.append(commands.throttle)
+        brakes.append(commands[BRAKES])
+        actuators = state[STEER : STEER + 4]
         PACK_STEP.pack_into(
-            self._u,
-            0,
-            self._steer_line(commands.steer),
-            self._throttle_line(commands.throttle),
-            *self._brake_line((commands.brake_front, commands.brake_rear)),
-            self._ratio(commands.gear),
-            engine_running,
-            *self._late_line(state[STEER : STEER + 4]),
-        )
+            self._u, 0, steer[0], throttle[0], *brakes[0], self._ratio(commands.gear), engine_running,
+            *(self._late(*actuators) if self._late.delayed else actuators),
+        )  # fmt: skip
         self._advance()
         self.steer_rate = (self._after[STEER] - state[STEER]) / STEP_S
         state[:] = self._after
@@ -194,11 +187,10 @@ class Car:
 
     def _ratio(self, wanted: int) -> float:
         """Engine over axle speed; 0 in neutral and while a shift is under way."""
-        p = self.parameters
-        if wanted != self.gear and 0 <= wanted <= len(p.gears):
-            self.shifting = round(p.shift_time / STEP_S) if self.gear and wanted else 0
+        if wanted != self.gear and 0 <= wanted < len(self._ratios):
+            self.shifting = round(self.parameters.shift_time / STEP_S) if self.gear and wanted else 0
             self.gear = wanted
         if self.shifting:
             self.shifting -= 1
             return 0.0
-        return p.gears[self.gear - 1] * p.final_drive if self.gear else 0.0
+        return self._ratios[self.gear]

@@ -43,7 +43,7 @@ def test_no_frame_can_upset_the_gateway(driving):
     while count < target:
         batch = [hostile_frame(rng, ids, rig.now_ns) for _ in range(rng.choice((1, 5, 200)))]
         for frame in batch:
-            rig.wire._links[1].push(frame)  # the gateway's end
+            rig.wire._links[1].queue.append(frame)  # the gateway's end
         count += len(batch)
         rig.step()
         for _, frame in rig.car.heard:

@@ -54,7 +54,7 @@ class SimulatedSensors:
         self._noise = Noise(seed)
         self._further_left = further_left(car.parameters.car)
         self._imus = {
-            name: _Mounting(imu.x + parameters.imu_x, imu.y, imu.yaw + parameters.imu_yaw)
+            name: _Mounting(name, imu.x + parameters.imu_x, imu.y, imu.yaw + parameters.imu_yaw)
             for name, imu in platform.imus.items()
         }
         self._first, *others = platform.receivers
@@ -69,13 +69,14 @@ class SimulatedSensors:
         rate, gained = car["yaw_rate"], car.output("yaw_acc")
         x = car.output("ax") - rate * rate * at.x - gained * at.y
         y = car.output("ay") - rate * rate * at.y + gained * at.x
+        ax, ay, az, yaw_rate, roll_rate, pitch_rate = at.quantities
         return {
-            f"imu.{name}.ax": at.cos * x + at.sin * y + p.imu_bias_x + p.acceleration_noise * noise(),
-            f"imu.{name}.ay": at.cos * y - at.sin * x + p.imu_bias_y + p.acceleration_noise * noise(),
-            f"imu.{name}.az": car.output("az") + p.acceleration_noise * noise(),
-            f"imu.{name}.yaw_rate": rate + p.yaw_rate_noise * noise(),
-            f"imu.{name}.roll_rate": p.yaw_rate_noise * noise(),
-            f"imu.{name}.pitch_rate": 0.0,
+            ax: at.cos * x + at.sin * y + p.imu_bias_x + p.acceleration_noise * noise(),
+            ay: at.cos * y - at.sin * x + p.imu_bias_y + p.acceleration_noise * noise(),
+            az: car.output("az") + p.acceleration_noise * noise(),
+            yaw_rate: rate + p.yaw_rate_noise * noise(),
+            roll_rate: p.yaw_rate_noise * noise(),
+            pitch_rate: 0.0,
         }
 
     def wheel_speeds(self) -> Values:
@@ -109,10 +110,14 @@ class SimulatedSensors:
         return math.radians(latitude), math.radians(longitude)
 
 
-class _Mounting:
-    """Place (m) and turn (rad) of an inertial sensor."""
+IMU_QUANTITIES = "ax", "ay", "az", "yaw_rate", "roll_rate", "pitch_rate"
 
-    def __init__(self, x: float, y: float, yaw: float) -> None:
+
+class _Mounting:
+    """Place (m) and turn (rad) of an inertial sensor, and the names of what it reads."""
+
+    def __init__(self, name: str, x: float, y: float, yaw: float) -> None:
+        self.quantities = [f"imu.{name}.{quantity}" for quantity in IMU_QUANTITIES]
         self.x, self.y, self.cos, self.sin = x, y, math.cos(yaw), math.sin(yaw)
 
 

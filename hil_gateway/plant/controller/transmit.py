@@ -86,13 +86,13 @@ class ReportTransmitter:
             if now_ns < due:
                 continue
             self._due_ns[period_ns] = due + period_ns if now_ns - due < period_ns else now_ns + period_ns
-            readings: Values = {}
+            send, readings = self._link.send, Values()
             for report in reports:
                 for source in report.sources:
-                    readings.update(source())
+                    readings |= source()
                 if report.modulus:
                     readings[COUNTER] = report.count = (report.count + 1) % report.modulus
-                self._link.send(*report.encode(readings))
+                send(*report.encode(readings))
         self.next_ns = min(self._due_ns.values())
 
     def _report(self, message: BusMessage, quantities: tuple[str, ...], before: list[_Report]) -> _Report:

@@ -36,7 +36,8 @@ class LoadJudge:
             self._spell, self._spun = 0, False
             return
         (front, rear), (use_front, use_rear, slip_front, slip_rear) = self.friction, car.tyre_use
-        self.friction = max(front, use_front), max(rear, use_rear)
+        if use_front > front or use_rear > rear:
+            self.friction = max(front, use_front), max(rear, use_rear)
         self._over(slip_front > 1.0 or slip_rear > 1.0)
         spun = abs(math.atan2(vy, vx)) > SPUN_RAD
         self.spins += spun and not self._spun
