@@ -65,7 +65,11 @@ class Row:
 
     def fires(self, measures: Mapping[str, float]) -> bool:
         """Whether its measure has held for long enough or is missing; not-a-number fires."""
-        return not (held_s := measures.get(self.measure, HOLDS)) <= 0 and not held_s < self.threshold_s
+        return self.reached(measures.get(self.measure, HOLDS))
+
+    def reached(self, held_s: float) -> bool:
+        """Whether its measure has held for long enough."""
+        return not held_s <= 0 and not held_s < self.threshold_s
 
 
 COMMAND_AGE = "command_age"
@@ -239,7 +243,7 @@ def missing_for_arming(inputs: Inputs) -> tuple[str, ...]:
 def _firing(inputs: Inputs) -> list[Row]:
     """In order of the table; nearly always none, and a row whose measure is 0 cannot fire."""
     held = zip(TABLE, map(inputs.measures.get, _MEASURES), strict=True)
-    return [row for row, held_s in held if held_s != 0.0 and row.fires(inputs.measures)]
+    return [row for row, held_s in held if held_s != 0.0 and row.reached(HOLDS if held_s is None else held_s)]
 
 
 def table_markdown() -> str:

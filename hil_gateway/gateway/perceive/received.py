@@ -39,6 +39,8 @@ class Received:
     """of its counter; 0: it does not count"""
     surplus: LeakyBucket
     """frames beyond those of one sender"""
+    places: bool
+    """whether it carries the position of the receiver that places the car"""
     checks: tuple[Check, ...] = ()
     stamp_ns: int | None = None
     data: bytes | None = None
@@ -50,9 +52,10 @@ class Received:
 
     def count(self, now_ns: int) -> None:
         """One frame more."""
-        self.surplus.add(now_ns)
+        surplus = self.surplus
+        surplus.add(now_ns)
         # it runs over at twice of what is too many
-        self.doubled = self.surplus.empty_ns - now_ns > (self.surplus.highest // 2 - 1) * self.surplus.leak_ns
+        self.doubled = surplus.empty_ns - now_ns > (surplus.highest // 2 - 1) * surplus.leak_ns
 
 
 Check = Callable[[Received, Mapping[str, float]], bool]
@@ -112,6 +115,7 @@ def received_messages(car: Car, newest: Values, fixes: Fixes) -> dict[int, Recei
             repeatable=layout.counter is None and not hangs,
             modulus=layout.counter.modulus if layout.counter is not None else 0,
             surplus=_surplus(layout.period_s),
+            places=position in quantities,
             checks=checks.of(quantities),
         )
     return found

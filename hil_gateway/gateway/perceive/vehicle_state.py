@@ -7,7 +7,7 @@ Nothing that arrives can raise: a frame that cannot be decoded is counted, a val
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -87,10 +87,10 @@ class VehicleStateBuilder:
         """when another computer on this bus last did so"""
         self.counter_faults = LeakyBucket(COUNTER_LEAK_NS, highest=2 * COUNTER_FAULT)
 
-    def take(self, frames: Iterable[Frame], now_ns: int) -> None:
+    def take(self, frames: Sequence[Frame], now_ns: int) -> None:
         """Take in frames, oldest first."""
+        self.counts.received += len(frames)
         for frame in frames:
-            self.counts.received += 1
             self._take_one(frame, now_ns)
 
     def hear(self, messages: Iterable[Navigation], now_ns: int) -> None:
@@ -232,7 +232,7 @@ class VehicleStateBuilder:
         entry.stamp_ns = self._newest_ns = stamp_ns
         entry.data = data
         entry.plausible = _plausible(entry, values)
-        if entry.plausible and self._latitude in values:
+        if entry.places and entry.plausible:
             self._take_position(entry, values, stamp_ns)
         if entry.plausible:
             self._newest.update(values)
