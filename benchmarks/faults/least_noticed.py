@@ -9,6 +9,7 @@ Random cars of the seed, from the places of its survey. An error counts as notic
 from __future__ import annotations
 
 import json
+import math
 import sys
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
@@ -78,11 +79,14 @@ ERRORS = (
     Error("a front wheel too slow by", "%", 0.5, _share(WHEELS, "wheel_speed_FR")),
     Error("a rear wheel too slow by", "%", 0.5, _share(WHEELS, "wheel_speed_RL")),
     Error("all wheels too slow by", "%", 0.5, _share(WHEELS, *(f"wheel_speed_{w}" for w in ("FL", "FR", "RL", "RR")))),
-    Error("steering angle reported off by", "rad at the motor", 0.02, _offset(STEERING, *ANGLES)),
+    Error(
+        "steering angle reported off by", "deg at the motor", 1.0,
+        lambda deg: _fault("offset", STEERING, alter=plus(math.radians(deg), *ANGLES)),
+    ),
     Error("position off at once by", "m", 0.1, lambda m: _fault("step", POSITION, alter=north(lambda _: m))),
     Error("position drifts by", "m/s", 0.1, lambda v: _fault("drift", POSITION, alter=north(lambda m: v * m.t))),
     Error("position late by", "s", 0.01, lambda s: _fault("late", POSITION, delay_s=s)),
-)
+)  # fmt: skip
 
 
 def least_noticed(run: Run, error: Error) -> Noticed:
