@@ -17,7 +17,7 @@ import numpy as np
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.act.stop_path import CLEAR
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, moved_share, steering_reports
+from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, SteeringReports, moved_share
 from hil_gateway.gateway.perceive.monitors.imu import BEYOND_NOISE
 from hil_gateway.gateway.perceive.monitors.road import BEYOND, NEAR
 from hil_gateway.gateway.perceive.motion import Motion
@@ -34,7 +34,7 @@ class StuckSteering:
 
     def __init__(self, car: Car, config: StopConfig, track: Track | None) -> None:
         self._vehicle, self._track = car.vehicle, track
-        self._of, self._turns_in_s = steering_reports(car), car.turns_in_s
+        self._of, self._turns_in_s = SteeringReports(car), car.turns_in_s
         self._judged_s = car.actuators.steering_late
         """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
         self._apart = BEYOND_NOISE * next(iter(car.imus.values())).rate_noise

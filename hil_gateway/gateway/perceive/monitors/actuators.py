@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,27 +27,18 @@ BRAKED_SHARE = 0.3
 """of what was commanded: cars with hot brakes, wet tyres and an unequal balance do better"""
 
 
-@dataclass(frozen=True, slots=True)
 class SteeringReports:
     """What reports of the steering may differ by: angles at the motor, rad; periods."""
 
-    ratio: float
-    still: float
-    """within which a sensor stays that does not move"""
-    asked: float
-    """by which a command must change until steering that works has moved: play, overshoot"""
-    apart: float
-    """how far it may be off with the offset of its sensor"""
-    late: int
-    answer: int
-    window: int
-
-
-def steering_reports(car: Car) -> SteeringReports:
-    noise, offset, late = car.sensors.steering_noise, car.std("sensors.steering_offset"), periods_late(car)
-    asked = GATE * noise
-    apart = offset + asked + noise
-    return SteeringReports(car.vehicle.steering_ratio, noise, asked, apart, late, ANSWER * late, WINDOW * late)
+    def __init__(self, car: Car) -> None:
+        self.ratio, self.late = car.vehicle.steering_ratio, periods_late(car)
+        self.still = car.sensors.steering_noise
+        """within which a sensor stays that does not move"""
+        self.asked = GATE * self.still
+        """by which a command must change until steering that works has moved: play, overshoot"""
+        self.apart = car.std("sensors.steering_offset") + self.asked + self.still
+        """how far it may be off with the offset of its sensor"""
+        self.answer, self.window = ANSWER * self.late, WINDOW * self.late
 
 
 class _StandingSteering:
@@ -83,7 +73,7 @@ class FollowingMonitor:
     """Reported positions within the commands of a window; reports that are invalid say nothing of actuators."""
 
     def __init__(self, car: Car) -> None:
-        self._of = steering_reports(car)
+        self._of = SteeringReports(car)
         self._brakes = PEDALS * car.powertrain.brake_pressure_max
         self._commands: deque[ActuatorPositions] = deque(maxlen=self._of.window)
         self.obeyed: Sequence[ActuatorPositions] = ()
@@ -140,7 +130,7 @@ class ReversedMonitor:
     """
 
     def __init__(self, car: Car) -> None:
-        self._vehicle, self._of = car.vehicle, steering_reports(car)
+        self._vehicle, self._of = car.vehicle, SteeringReports(car)
         self._reported: deque[float] = deque(maxlen=self._of.window)
         self._asked: deque[float] = deque(maxlen=self._of.window)
         self.found = False
