@@ -26,13 +26,11 @@ from hil_gateway.track.track import Track
 
 LOOK_AHEAD_S = 0.4
 """the longer, the wider a car that understeers swings out at 60 m/s; at 0.3 it begins to weave"""
-YAW_RATE_GAIN = 0.04
+YAW_RATE_GAIN = 0.07
 """K, rad of steering per rad/s. A car with more grip in front than behind turns the faster the faster it turns, at up
 to 2 1/s at 70 m/s when braking has moved the load forward: without K it weaves until it spins. 0.03 just holds such a
-car with steering that is 0.1 s late; 0.07 still steadies every car tried"""
-FLAT_YAW_RATE_GAIN = 0.07
-"""K with a flat tyre: with 0.04 the simulated race car spins on straights at 50 m/s when a rear tyre is flat, with 0.08
-it does not, with 0.14 it weaves until it spins; 0.07 still steadies every sound car tried"""
+car with steering that is 0.1 s late, and with 0.04 the simulated race car spins on straights at 50 m/s when a rear tyre
+is flat; with 0.14 it weaves until it spins"""
 FLAT_GRIP = 0.7
 """share of the declared grip with a flat tyre: it bears less than half, and its axle carries half of the car"""
 FAR_FROM_WAY = 1.5
@@ -116,9 +114,8 @@ class Stopping:
             curvature = self._within_grip(curvature, motion.speed)
         self._asked = abs(curvature)
         too_slow = motion.speed * curvature - motion.yaw_rate if motion.prompt else 0.0
-        gain = FLAT_YAW_RATE_GAIN if self.flat else YAW_RATE_GAIN
         understeer = BRAKED_UNDERSTEER * motion.understeer * motion.speed**2 * bend
-        return math.atan(self._vehicle.wheelbase * curvature + understeer) + gain * too_slow
+        return math.atan(self._vehicle.wheelbase * curvature + understeer) + YAW_RATE_GAIN * too_slow
 
     def _within_grip(self, curvature: float, speed: float) -> float:
         """As much of it as any tyres hold: more steering turns no car in, and none that slides out."""

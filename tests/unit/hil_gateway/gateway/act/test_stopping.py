@@ -85,12 +85,12 @@ def test_a_flat_tyre_leaves_less_for_braking_beside_cornering():
     assert drives[0] < drives[1] < 0.0
 
 
-def test_a_flat_tyre_steers_harder_against_a_wrong_yaw_rate():
+def test_a_car_that_turns_faster_than_its_way_is_steered_against():
     track = load_track("oval")
     turning, here = Motion(speed=40.0, yaw_rate=0.4, ay=0.0), beside(track, 10.0, 0.0, 0.0, 40.0)
-    sound, flat = stopping(track), stopping(track)
-    flat.flat = True
-    assert flat.command(turning, here, False)[0] < sound.command(turning, here, False)[0]
+    answers, late = stopping(track), stopping(track)
+    unanswered = late.command(turning._replace(prompt=False), here, False)[0]
+    assert answers.command(turning, here, False)[0] < unanswered - 0.01
 
 
 def beside(track: Track, s: float, offset: float, turned: float, speed: float) -> Pose:
