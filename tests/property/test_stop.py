@@ -24,7 +24,7 @@ MOTION = st.builds(
     ay=st.floats(-60.0, 60.0),
     by_gyro=st.booleans(),
     understeer=st.floats(0.0, UNDERSTEER_MOST),
-    prompt=st.booleans(),
+    late_s=st.sampled_from([0.0, 0.1, math.inf]),
     by_wheels=st.booleans(),
     rear_yields=st.floats(0.0, 0.02),
 )

@@ -1,7 +1,7 @@
 """Stopping without the planner: steering that keeps the car on the road, braking within the grip left.
 
 Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): curvature k = 2 sin(alpha) / l towards the point a look-ahead
-distance l along the path, delta = atan(L k + U v^2 k0) + K (v k - r) with the yaw rate r, where it is that of now, the
+distance l along the path, delta = atan(L k + U v^2 k0) + K (v k - r) with the yaw rate r, the later the less of it, the
 understeer U under the brakes and the curvature k0 of the path; alpha is taken from the direction in which the rear axle
 goes on such a path. The path is the way along the track with the least lateral force from where the car is when the
 stop begins, and as it turns then; without a track the steering is held.
@@ -26,11 +26,11 @@ from hil_gateway.track.track import Track
 
 LOOK_AHEAD_S = 0.4
 """the longer, the wider a car that understeers swings out at 60 m/s; at 0.3 it begins to weave"""
-YAW_RATE_GAIN = 0.07
-"""K, rad of steering per rad/s. A car with more grip in front than behind turns the faster the faster it turns, at up
-to 2 1/s at 70 m/s when braking has moved the load forward: without K it weaves until it spins. 0.03 just holds such a
-car with steering that is 0.1 s late, and with 0.04 the simulated race car spins on straights at 50 m/s when a rear tyre
-is flat; with 0.14 it weaves until it spins"""
+STEADIES = 0.0065
+"""K times the time by which steering and yaw rate are late, s2: a car that is answered late weaves. One with more grip
+in front than behind turns the faster the faster it turns, at up to 2 1/s at 70 m/s when braking has moved the load
+forward: without K it spins. With steering that is 0.1 s late K = 0.03 s just holds such a car, and 0.07 s
+one with a flat rear tyre; with 0.14 s it weaves, and with 0.07 s where all reports are 0.1 s late as well"""
 FLAT_GRIP = 0.7
 """share of the declared grip with a flat tyre: it bears less than half, and its axle carries half of the car"""
 FAR_FROM_WAY = 1.5
@@ -113,9 +113,10 @@ class Stopping:
         if not motion.by_gyro:
             curvature = self._within_grip(curvature, motion.speed)
         self._asked = abs(curvature)
-        too_slow = motion.speed * curvature - motion.yaw_rate if motion.prompt else 0.0
+        too_slow = motion.speed * curvature - motion.yaw_rate
+        gain = STEADIES / (self._car.actuators.steering_late + motion.late_s)
         understeer = BRAKED_UNDERSTEER * motion.understeer * motion.speed**2 * bend
-        return math.atan(self._vehicle.wheelbase * curvature + understeer) + YAW_RATE_GAIN * too_slow
+        return math.atan(self._vehicle.wheelbase * curvature + understeer) + gain * too_slow
 
     def _within_grip(self, curvature: float, speed: float) -> float:
         """As much of it as any tyres hold: more steering turns no car in, and none that slides out."""

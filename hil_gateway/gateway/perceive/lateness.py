@@ -63,7 +63,7 @@ def brought_up(
     """Motion and pose of now from those of `late_s` ago, since when the car goes on with `ax` (m/s2) along it and its
     yaw rate has changed by `turned` (rad/s)."""
     speed, middle_rate = max(motion.speed + ax * late_s, 0.0), motion.yaw_rate + 0.5 * turned
-    now = motion._replace(speed=speed, yaw_rate=motion.yaw_rate + turned)
+    now = motion._replace(speed=speed, yaw_rate=motion.yaw_rate + turned, late_s=motion.late_s + late_s)
     if pose is None:
         return now, None
     return now, pose.onward(0.5 * (motion.speed + speed) * late_s, middle_rate * late_s)._replace(speed=speed)

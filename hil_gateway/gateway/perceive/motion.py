@@ -52,8 +52,8 @@ class Motion(NamedTuple):
     """whether the yaw rate is the gyro's; a substitute drifts, and fixes correct the heading"""
     understeer: float = 0.0
     """rad of steering angle a m/s2 of lateral force, as the gyro has taught it"""
-    prompt: bool = True
-    """whether the yaw rate is that of now: the gyro's, or one that the observer has told the changes of"""
+    late_s: float = 0.0
+    """s since the yaw rate was reported, of which only changes are known since; infinite where they are not either"""
     by_wheels: bool = True
     """whether the speed is that of the wheels"""
     rear_yields: float = 0.0
@@ -202,10 +202,10 @@ class MotionReader:
     def _move(self, state: VehicleState, speed: float, course: Course | None) -> Motion:
         gyro = self._gyro(state)
         yaw_rate = state.yaw_rate if gyro else self._without_gyro(state, course)
-        prompt = gyro or (course is not None and len(self._observed) == COURSE_WINDOW)
+        told = gyro or (course is not None and len(self._observed) == COURSE_WINDOW)
         force = state.ay if gyro else speed * yaw_rate
         self.motion = Motion(
-            speed, yaw_rate, force, gyro, self._learnt.understeer, prompt, self._wheels(state),
+            speed, yaw_rate, force, gyro, self._learnt.understeer, 0.0 if told else math.inf, self._wheels(state),
             self._observer.rear_yields(speed),
         )  # fmt: skip
         return self.motion

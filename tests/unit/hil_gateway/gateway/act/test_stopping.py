@@ -89,7 +89,7 @@ def test_a_car_that_turns_faster_than_its_way_is_steered_against():
     track = load_track("oval")
     turning, here = Motion(speed=40.0, yaw_rate=0.4, ay=0.0), beside(track, 10.0, 0.0, 0.0, 40.0)
     answers, late = stopping(track), stopping(track)
-    unanswered = late.command(turning._replace(prompt=False), here, False)[0]
+    unanswered = late.command(turning._replace(late_s=math.inf), here, False)[0]
     assert answers.command(turning, here, False)[0] < unanswered - 0.01
 
 
@@ -216,7 +216,7 @@ def test_without_a_gyro_pure_pursuit_goes_by_the_course_of_the_centre_of_gravity
     radius, angles = 80.0, np.linspace(-0.5, 1.5, 2001)
     x, y = radius * np.sin(angles), radius * (1 - np.cos(angles))
     stop = following(x, y)
-    turning = Motion(speed=20.0, yaw_rate=0.0, by_gyro=False, prompt=False)
+    turning = Motion(speed=20.0, yaw_rate=0.0, by_gyro=False, late_s=math.inf)
     course = VEHICLE.lr / radius
     steer, _ = stop.command(turning, Pose(VEHICLE.lr, VEHICLE.lr * course, course, 20.0), emergency=False)
     assert steer == pytest.approx(math.atan(VEHICLE.wheelbase / radius), rel=0.02)
@@ -226,7 +226,7 @@ def test_without_a_gyro_pure_pursuit_goes_by_the_course_of_the_centre_of_gravity
 def test_without_a_gyro_no_more_is_steered_than_tyres_could_hold(rig, by_gyro):
     """Half a radian off its way at 60 m/s: what would be asked for is twice the force of racing tyres."""
     stop = following(STRAIGHT, 0.0 * STRAIGHT)
-    lost = Motion(speed=60.0, by_gyro=by_gyro, prompt=False)
+    lost = Motion(speed=60.0, by_gyro=by_gyro, late_s=math.inf)
     steer, _ = stop.command(lost, Pose(0.0, 0.0, 0.5, 60.0), emergency=False)
     most = 1.5 * StopConfig().grip(VEHICLE, 60.0)
     assert (abs(math.tan(steer)) <= 1.001 * VEHICLE.wheelbase * most / 60.0**2) is not by_gyro
@@ -260,7 +260,7 @@ def test_a_stop_steadies_a_car_that_oversteers(rig):
     assert last < 0.5 * first
     first, last = largest_yaw_rates(rig, by_gyro=False)
     assert last < 0.5 * first, "the wheels tell how the car turns"
-    first, last = largest_yaw_rates(rig, by_gyro=False, prompt=False)
+    first, last = largest_yaw_rates(rig, by_gyro=False, late_s=math.inf)
     assert last > first, "the car weaves where nothing but its place steadies it"
 
 

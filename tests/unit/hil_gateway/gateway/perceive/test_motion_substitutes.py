@@ -152,7 +152,7 @@ def test_without_a_gyro_the_observer_tells_at_once_what_the_course_does_not_know
     for state in [straight] * 50 + [turning] * 15:
         now_ns += PERIOD_NS
         reader.step(now_ns, state, course)
-    assert reader.motion.prompt is known
+    assert reader.motion.late_s == (0.0 if known else math.inf)
     assert reader.motion.yaw_rate == pytest.approx(0.3 * (1.0 - 13 / 38) if known else 0.0, abs=0.05)
 
 
