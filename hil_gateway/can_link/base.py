@@ -7,8 +7,9 @@ import select
 import socket
 import time
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from enum import StrEnum
+from operator import attrgetter
 from typing import Protocol
 
 from hil_gateway.can_link.batch import SLOTS, SO_RXQ_OVFL, SO_TIMESTAMPNS, BatchReceiver
@@ -62,6 +63,13 @@ class LinkStats:
     """what is no classic data frame: remote requests, foreign datagrams"""
     reopened: int = 0
     """times a lost interface came back"""
+
+    def copy(self) -> LinkStats:
+        """As they are now."""
+        return LinkStats(*_COUNTS(self))
+
+
+_COUNTS = attrgetter(*(field.name for field in fields(LinkStats)))
 
 
 class CanLink(Protocol):
@@ -149,7 +157,7 @@ class SocketLink(ABC):
         return False
 
     def stats(self) -> LinkStats:
-        return replace(self.counts)
+        return self.counts.copy()
 
     def close(self) -> None:
         if self._socket is not None:

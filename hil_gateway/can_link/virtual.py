@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 from hil_gateway.can_link.base import EXTENDED_ID, FRAMES_PER_CALL, Frame, LinkStats
 from hil_gateway.process.clock import NS_PER_S, wall_offset_ns
@@ -45,7 +44,7 @@ class VirtualLink:
         return True
 
     def stats(self) -> LinkStats:
-        return replace(self.counts)
+        return self.counts.copy()
 
     def close(self) -> None:
         self._bus.shutdown()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
 
 from hil_gateway.can_link.base import BusState, Frame, LinkStats
 from hil_gateway.process.clock import Clock
@@ -70,7 +69,7 @@ class WireLink:
 
     def stats(self) -> LinkStats:
         self.counts.bus_state = BusState.ERROR_ACTIVE if self._wire.up else BusState.DOWN
-        return replace(self.counts)
+        return self.counts.copy()
 
     def close(self) -> None:
         self._wire.remove(self)

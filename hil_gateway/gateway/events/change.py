@@ -52,7 +52,6 @@ class Seen(NamedTuple):
     track_flag: int = TrackFlag.NONE
     vehicle_flag: int = VehicleFlag.NONE
     bus_state: str = "error_active"
-    inputs: Inputs | None = None
     why: str = ""
     """who was late, or what is wrong with the fixes, where that is why the car is being stopped"""
     second_computer: bool = False
@@ -63,37 +62,42 @@ class Seen(NamedTuple):
     """who sends commands without it"""
     cause: str = ""
     """behind a stop, or behind an emergency while no drive commands are sent"""
+    inputs: Inputs | None = None
+    """of the decision, which are others in every period"""
 
     @classmethod
     def of(cls, now_ns: int, gateway: Gateway, bus_state: str) -> Seen | None:
         """None before its first period."""
         if gateway.seen is None:
             return None
-        state, inputs = gateway.seen
+        (state, inputs), decision = gateway.seen, gateway.decision
         return cls(
-            failsafe=gateway.failsafe,
-            ct_state=gateway.decision.race_control.ct_state,
+            failsafe=decision.failsafe,
+            ct_state=decision.race_control.ct_state,
             sys_state=state.sys_state,
             track_flag=state.track_flag,
             vehicle_flag=state.vehicle_flag,
             bus_state=bus_state,
-            inputs=inputs,
             why=gateway.why,
             second_computer=gateway.builder.another("reports", now_ns),
             command_source=gateway.inbox.command_source,
             second_source=gateway.inbox.second_source,
-            cause=gateway.decision.cause,
+            cause=decision.cause,
+            inputs=inputs,
         )
 
 
 def changes(before: Seen, after: Seen) -> Iterator[Change]:
     """Everything that is different, what stops the car first."""
+    asks_to_arm = after.inputs is not None and after.inputs.request is OperatorAction.ARM
+    if before[:-1] == after[:-1] and not asks_to_arm:  # nearly always
+        return
     if after.failsafe != before.failsafe:
         yield _failsafe(before.failsafe, after)
     elif after.cause != before.cause and after.cause:
         text = _why(after.cause, after.why)
         yield Change(EventKind.FAILSAFE, after.failsafe.action, "emergency", text, Severity.STOP, after.cause)
-    elif after.inputs is not None and after.inputs.request is OperatorAction.ARM:
+    elif after.inputs is not None and asks_to_arm:
         yield from _refusal(after.failsafe, after.inputs)
     if after.track_flag != before.track_flag:
         stop = after.track_flag in STOP_TRACK_FLAGS
