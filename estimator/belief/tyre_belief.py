@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from math import atan2, isfinite, sqrt
+from math import atan2, sqrt
 from typing import NamedTuple
 
 import casadi as ca
@@ -21,7 +21,7 @@ import numpy.typing as npt
 from estimator.model.measurement import CHANNELS, MeasurementKind, compiled_for, measurement_function, of_any_car
 from estimator.model.single_track import SIGNALS, SingleTrack
 from hil_gateway.observer.kalman import scalar_update
-from hil_gateway.process.arrays import Array
+from hil_gateway.process.arrays import Array, finite
 from hil_gateway.process.compiled import EXACT_LOOPS, CompiledFunction, compile_function
 
 MEASURED: Mapping[str, float] = {
@@ -150,7 +150,7 @@ class TyreBelief:
         spread[:], covariance[:] = sample.signal_covariance, self.scaled_covariance
         self._recursion.evaluate()
         deviation, covariance, nis = self._recursion.results
-        if isfinite(float(deviation.sum() + covariance.sum())):
+        if finite(deviation, covariance):
             self.deviation, self.scaled_covariance = deviation.copy(), covariance.copy()
             self.samples += 1
             self._keep_sane(dt)

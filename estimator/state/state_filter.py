@@ -22,7 +22,7 @@ gated by its normalised innovation squared (Bar-Shalom, Estimation with Applicat
 
 from __future__ import annotations
 
-from math import cos, isfinite, sin, sqrt
+from math import cos, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -48,7 +48,7 @@ from estimator.state.filter_steps import (
     step_function,
 )
 from hil_gateway.car.car import Car, Receiver
-from hil_gateway.process.arrays import Array
+from hil_gateway.process.arrays import Array, finite
 from hil_gateway.process.compiled import CompiledFunction
 
 YAW_ACCELERATION_S = 0.05
@@ -191,7 +191,7 @@ class StateFilter:
     @property
     def healthy(self) -> bool:
         """Finite mean and covariance."""
-        return isfinite(float(self.mean.sum() + self.covariance.sum()))
+        return finite(self.mean, self.covariance)
 
     def _gated(self, function: CompiledFunction, gate: float, *measured: float) -> list[float]:
         """Apply an update; the normalised innovations squared within `gate`, the rest is counted as rejected."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -16,3 +17,8 @@ Bools = NDArray[np.bool_]
 Complex = NDArray[np.complex128]
 Expr = Any
 """CasADi SX, MX or DM, or a float where a function serves numbers as well: CasADi ships no types for its operators."""
+
+
+def finite(*arrays: Array) -> bool:
+    """Whether all are numbers, whose sum is one, too."""
+    return isfinite(sum([float(np.add.reduce(array, axis=None)) for array in arrays]))

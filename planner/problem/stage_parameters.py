@@ -8,23 +8,19 @@ from estimator.model.single_track import SingleTrack
 from hil_gateway.process.arrays import Expr
 
 
-class Names:
+class Names(dict[str, slice]):
     """Named slices of a parameter vector."""
 
     def __init__(self, sizes: Mapping[str, int]) -> None:
-        self.slices: dict[str, slice] = {}
-        start = 0
+        super().__init__()
+        self.size = 0
         for name, size in sizes.items():
-            self.slices[name] = slice(start, start + size)
-            start += size
-        self.size = start
-
-    def __getitem__(self, name: str) -> slice:
-        return self.slices[name]
+            self[name] = slice(self.size, self.size + size)
+            self.size += size
 
     def split(self, vector: Expr) -> dict[str, Expr]:
         """Symbolic parts by name."""
-        return {name: vector[s] for name, s in self.slices.items()}
+        return {name: vector[s] for name, s in self.items()}
 
 
 def stage_names(model: SingleTrack) -> Names:
