@@ -18,12 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import casadi as ca
 import numpy as np
 
 from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.single_track import SingleTrack
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.compiled import CompiledFunction
 
 EVERY = 100
 """samples between two linearisations"""
@@ -36,6 +36,8 @@ STEPS = 2
 """each time; with one the mean was still on its way from where Eq. (8) had led it"""
 STRETCH = 500
 """samples, 5 s: as long as a bend or a straight, over which what the model leaves out keeps its sign"""
+SHARED = [2, 4]
+"""which inputs of the measurement model all samples have in common: theta and the car"""
 TINY = 1e-12
 SHARES = (1.0, 0.5, 0.25)
 """of a step that are tried"""
@@ -50,9 +52,6 @@ class RelinearisedBelief(TyreBelief):
         self._history: list[tuple[Sample, Array]] = []
         super().__init__(model, settings, effects)
         self._start_precision: Array = np.eye(len(self.names))
-        self._many, self._vehicle = self._model.function, self._model.inputs[-1]
-        arguments = self._many.mx_in()
-        self._predict = ca.Function("predict", arguments, self._many.call(arguments)[:1])
 
     def reset(self) -> None:
         """Back to the prior, with nothing learnt from."""
@@ -94,7 +93,7 @@ class RelinearisedBelief(TyreBelief):
             # a kept sample stands for those dropped, but for no more than one independent one
             count = min(self._thinning, self.settings.correlation_samples)
             weight = np.array([count * active for _, active in self._history])
-            history = _Stacked([sample for sample, _ in self._history], weight)
+            history = _Stacked(self._model, [sample for sample, _ in self._history], weight)
             for _ in range(STEPS):
                 self._step(history)
             self._at = self.deviation
@@ -156,16 +155,13 @@ class RelinearisedBelief(TyreBelief):
 
     def _residual(self, history: _Stacked, deviation: Array) -> Array:
         """What the model leaves of the history at a scaled deviation, (K, m)."""
-        theta = self.prior + self.scale * deviation
-        h = self._predict(history.signals, history.aux, theta, history.phi, self._vehicle)
-        return np.asarray(history.z - h.full().T)
+        h, *_ = history.modelled(self.prior + self.scale * deviation)
+        return np.asarray(history.z - h.T)
 
     def _linearised(self, history: _Stacked, deviation: Array) -> tuple[Array, Array, Array]:
         """Residuals (K, m), Jacobians in scaled parameters (K, m, n) and variances (K, m) at a scaled deviation."""
         count, channels = history.z.shape
-        theta = self.prior + self.scale * deviation
-        found = self._many(history.signals, history.aux, theta, history.phi, self._vehicle)
-        h, *jacobians = (a.full() for a in found)
+        h, *jacobians = history.modelled(self.prior + self.scale * deviation)
         # the Jacobians of all samples come side by side
         by_theta, by_signals = (j.reshape(channels, count, -1).transpose(1, 0, 2) for j in jacobians)
         motion = by_signals[:, :, :3]
@@ -175,12 +171,24 @@ class RelinearisedBelief(TyreBelief):
 
 
 class _Stacked:
-    """Samples as arrays: columns for the measurement model, rows for everything else; `weight` is (K, m)."""
+    """Samples as arrays: columns for the measurement `model`, rows for everything else; `weight` is (K, m)."""
 
-    def __init__(self, samples: Sequence[Sample], weight: Array) -> None:
-        self.signals, self.aux = (np.array([getattr(s, name) for s in samples]).T for name in ("signals", "aux"))
-        self.phi = np.array([s.phi for s in samples]).T.reshape(-1, len(samples))
+    def __init__(self, model: CompiledFunction, samples: Sequence[Sample], weight: Array) -> None:
+        of_all = model.function.map("of_all", "serial", len(samples), SHARED, [])
+        self._model = CompiledFunction(of_all, model.backend)
+        signals, aux, _, phi, vehicle = self._model.inputs
+        signals[:], aux[:], phi[:] = (
+            np.array([getattr(s, name) for s in samples]).T.reshape(-1, len(samples))
+            for name in ("signals", "aux", "phi")
+        )
+        vehicle[:] = model.inputs[-1]
         self.z = np.array([s.z for s in samples])
         self.spread = np.array([s.signal_covariance for s in samples])
         self.acting = np.array([s.input_variance for s in samples])
         self.weight = weight
+
+    def modelled(self, theta: Array) -> list[Array]:
+        """What the model says of all samples with these parameters, SI, and its Jacobians in theta and signals."""
+        self._model.arguments[2][:] = theta
+        self._model.evaluate()
+        return [np.ascontiguousarray(found) for found in self._model.outputs]
