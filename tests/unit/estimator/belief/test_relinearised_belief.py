@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.belief.relinearised import CAPACITY, RelinearisedBelief
+from estimator.belief.relinearised import CAPACITY, RelinearisedBelief, _Stacked
 from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import measurement_function
 from estimator.model.parameters import tyre_prior
@@ -58,6 +58,20 @@ def test_far_from_the_peak_the_truth_stays_within_the_belief() -> None:
     assert np.mean(found[TyreBelief]) > 3 * np.mean(found[RelinearisedBelief]), (
         "Eq. (8) alone was sure of the wrong tyre"
     )
+
+
+def test_all_of_the_history_is_modelled_as_each_sample_is() -> None:
+    samples = laps_below_the_limit(PRIOR, 40, seed=6)
+    belief = RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")))
+    theta = PRIOR * np.linspace(0.9, 1.1, len(PRIOR))
+    together = _Stacked(belief._model, samples, np.ones((40, 3))).modelled(theta)
+    for k, sample in enumerate(samples):
+        belief._predict_sample(sample, (theta - belief.prior) / belief.scale)
+        belief._model.arguments[2][:] = theta
+        belief._model()
+        for alone, found in zip(belief._model.outputs, together, strict=True):
+            columns = alone.shape[1]
+            np.testing.assert_array_equal(found[:, k * columns : (k + 1) * columns], alone)
 
 
 def test_covariance_is_the_information_at_the_mean_it_goes_with() -> None:
