@@ -9,11 +9,12 @@ an axle makes the specific force (of the whole car, were the other axle like it)
 
     a_i = mu_i g_i (sqrt(1 - (kappa b_i / (mu_i g_i))^2) tanh(alpha_i / s_i) + e_i)
 
-with g_i the axle's load by gravity, downforce, engine and brakes over the mass that it carries at rest, b_i what engine
-and brakes ask of it, of which the front axle takes a share beta more than declared, kappa the ellipse of friction, and
-e_i what the model is wrong by, correlated in time. For tanh and root stands the line that fits them best where slip
-angle and balance may be, and what it leaves of them is noise (statistical linearisation: A. Gelb, Applied Optimal
-Estimation, 1974, ch. 6): a tangent is too sure of a car that slides. From there
+with g_i the axle's load by gravity, downforce, engine and brakes over the mass that it carries at rest, less what tyres
+grip less with load, b_i what engine and brakes ask of it, of which the front axle takes a share beta more than
+declared, kappa the ellipse of friction, of two wheels that carry unlike, and e_i what the model is wrong by, correlated
+in time. For tanh and root stands the line that fits them best where slip angle and balance may be, and what it leaves
+of them is noise (statistical linearisation: A. Gelb, Applied Optimal Estimation, 1974, ch. 6): a tangent is too sure of
+a car that slides. From there
 
     dv_y/dt = a_y - v r - gravity across    dr/dt = m l_f l_r / (L I_z) (a_f - a_r)    a_y = (l_r a_f + l_f a_r) / L
 
@@ -26,14 +27,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from hil_gateway.car.car import Car
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.observer.bank import FILTERS, GATE, Bank
 from hil_gateway.observer.kalman_step import Known, step_function
 from hil_gateway.observer.numbers import BODY, GRAVITY_S, SLIP_S, YIELDS, Given, given, numbers_of
@@ -152,6 +153,7 @@ class Turning:
 
     def __init__(self, given: Given, period: LateralPeriod) -> None:
         self.car, self.u, self._sensing, self._slow = given.vehicle, period, given.sensing, given.slow
+        self._fades = given.fades
         self._braking = period.braked_front + period.braked_rear
         self._pressed = self.car.axles_pressed(period.speed)
 
@@ -202,7 +204,10 @@ class Turning:
     def _shares(self, x: Expr, known: Known) -> list[Line]:
         """Shares of the grip of both axles that turn the car."""
         across = [fitted(ca.tanh, angle, x, known) for angle in self._angles(x)]
-        kept = [fitted(left, used, x, known) for used in self._used(x)]
+        kept = [
+            fitted(partial(left_of_both, lean), used, x, known)
+            for used, lean in zip(self._used(x), self._leans(x), strict=True)
+        ]
         return [one.times(other) for one, other in zip(across, kept, strict=True)]
 
     def _along(self, x: Expr) -> tuple[Expr, Expr]:
@@ -218,6 +223,11 @@ class Turning:
         least = NOISE.least_left
         return ca.fmax(front + shifted / car.lr, least * front), ca.fmax(rear - shifted / car.lf, least * rear)
 
+    def _leans(self, x: Expr) -> list[Expr]:
+        """Share of their load that the inner wheels of both axles lose to the outer ones."""
+        across, tracks = x[H] * self.u.speed * ca.fabs(x[R]), (self.car.track_front, self.car.track_rear)
+        return [2.0 * across / (track * load) for track, load in zip(tracks, self._loads(x), strict=True)]
+
     def _slipping(self, x: Expr) -> list[Expr]:
         """By which the wheels of both axles slip apart, rad/s."""
         n, car, across = NOISE, self.car, map(ca.tanh, self._angles(x))
@@ -230,7 +240,7 @@ class Turning:
 
     def _limits(self, x: Expr) -> tuple[Expr, Expr]:
         """Grip of both axles across, m/s2."""
-        front, rear = self._loads(x)
+        front, rear = (gripped(load, self._fades) for load in self._loads(x))
         return x[MUF] * front, x[MUR] * rear
 
     def _used(self, x: Expr) -> list[Expr]:
@@ -273,6 +283,17 @@ def fitted(function: Callable[[Expr], Expr], of: Expr, x: Expr, known: Known) ->
     low, middle, high = (function(mean + i * deviation) for i in (-1.0, 0.0, 1.0))
     line = (low + 4.0 * middle + high) / 6.0 + (high - low) / (2.0 * deviation) * (of - mean)
     return Line(line, ca.fabs(low - 2.0 * middle + high) / math.sqrt(18.0))
+
+
+def left_of_both(lean: Expr, used: Expr) -> Expr:
+    """The same of an axle whose inner wheel carries less by this share, and brakes as much."""
+    outer, inner = 1.0 + lean, ca.fmax(1.0 - lean, 1e-3)
+    return (outer * left(used / outer) + inner * left(used / inner)) / (outer + inner)
+
+
+def gripped(load: Any, fades: Any) -> Any:
+    """What of its `load` (m/s2) a tyre grips with that loses friction with load; numbers or symbols."""
+    return load * (1.0 - fades * (load / GRAVITY - 1.0))
 
 
 def left(used: Expr) -> Expr:

@@ -35,11 +35,12 @@ SLOW_S = 600.0
 
 
 def numbers_of(car: Car, slow: Array) -> list[float]:
-    """Of `Vehicle`, of `Sensing`, and variances a second of slow states whose first deviations are `slow`."""
+    """Of `Vehicle`, of `Sensing`, friction lost with load, and variances a second of slow states whose first deviations
+    are `slow`."""
     name, imu = next(iter(car.imus.items()))
     noise = imu.rate_noise, imu.acceleration_noise, car.sensors.wheel_speed_noise
     mounting = car.std(f"imu.{name}.yaw"), car.std(f"imu.{name}.x")
-    return [*car.vehicle.model_dump().values(), *mounting, *noise, *(slow**2 / SLOW_S)]
+    return [*car.vehicle.model_dump().values(), *mounting, *noise, car.tyres.load_sensitivity, *(slow**2 / SLOW_S)]
 
 
 class Given(NamedTuple):
@@ -49,14 +50,17 @@ class Given(NamedTuple):
     period: list[Any]
     vehicle: Vehicle
     sensing: Sensing
+    fades: Any
+    """friction that a tyre loses when its load doubles"""
     slow: list[Any]
 
 
 def given(reported: int, slow: int) -> Given:
     """`reported`: numbers of a period; `slow`: of states."""
-    names, counts = list(Vehicle.model_fields), [reported, len(Vehicle.model_fields), len(Sensing._fields), slow]
+    names = list(Vehicle.model_fields)
+    counts = [reported, len(names), len(Sensing._fields), 1, slow]
     vector = ca.SX.sym("given", sum(counts))
     symbols: Iterator[Any] = iter(ca.vertsplit(vector))
-    period, car, sensing, walks = ([next(symbols) for _ in range(count)] for count in counts)
+    period, car, sensing, (fades,), walks = ([next(symbols) for _ in range(count)] for count in counts)
     vehicle = Vehicle.model_construct(**dict(zip(names, car, strict=True)))
-    return Given(vector, period, vehicle, Sensing(*sensing), walks)
+    return Given(vector, period, vehicle, Sensing(*sensing), fades, walks)

@@ -57,7 +57,7 @@ class Observer:
 
     def __init__(self, config: Config) -> None:
         car = config.car
-        self._vehicle = car.vehicle
+        self._vehicle, self._fades = car.vehicle, car.tyres.load_sensitivity
         self._declared: list[float] = lateral.prior(car)[0].tolist()
         self._lateral, self._longitudinal = lateral.lateral_bank(car), longitudinal.longitudinal_bank(car)
         self._asked = _lately(car.actuators.force_delay, car.std("actuators.force_delay"))
@@ -81,7 +81,8 @@ class Observer:
         """Slip angle of the rear axle away from its limit, rad a m/s2 of lateral force at `speed` (m/s), at most twice
         that of the declared tyres; without what the IMU has shown in the last seconds."""
         now, declared = (x[lateral.SR] / x[lateral.MUR] for x in (self._lateral.without.now, self._declared))
-        return min(max(now, 0.0), 2.0 * declared) / self._vehicle.pressed(speed)
+        load: float = lateral.gripped(self._vehicle.axles_pressed(speed)[1], self._fades)
+        return min(max(now, 0.0), 2.0 * declared) / load
 
     @property
     def yaw_rates(self) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from support.cars.scripted_car import reported_state
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.observer.kalman_step import Known
-from hil_gateway.observer.lateral import SHARE, fitted
+from hil_gateway.observer.lateral import SHARE, fitted, left_of_both
 from hil_gateway.observer.observer import Acts, Observer
 
 CONFIG = Config()
@@ -138,6 +138,12 @@ def test_the_balance_of_the_brakes_is_learnt_from_how_the_car_turns(state: Vehic
         imu = max(imu, drive.run(1.0, braking=10.0)[0])
     assert drive.observer._lateral.main.now[SHARE] == pytest.approx(beyond, abs=0.07)
     assert imu < 0.5
+
+
+@pytest.mark.parametrize(("lean", "kept"), [(0.0, 0.954), (0.5, 0.935), (0.7, 0.882)])
+def test_an_axle_that_leans_keeps_less_across_under_brakes(lean: float, kept: float) -> None:
+    """Its inner wheel carries less and brakes as much: 0.3 of what the axle grips with."""
+    assert float(ca.evalf(left_of_both(ca.SX(lean), ca.SX(0.3)))) == pytest.approx(kept, abs=0.005)
 
 
 def stiffer(share: float, braking: float) -> tuple[float, float]:
