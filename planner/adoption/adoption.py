@@ -19,6 +19,7 @@ from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import Belief, Estimate, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.track.track import Track
+from planner.adoption.brake_doubt import brake_spread
 from planner.adoption.delivered import DeliveredShares
 from planner.adoption.knowledge import GripState, Reserves, TyreNames, at_rest, next_knowledge
 from planner.adoption.plausible import implausible, near
@@ -81,6 +82,8 @@ class Adoption:
         self._ready: Adopted | None = None
         self._worker: threading.Thread | None = None
         self._new_reference: Reference | None = None
+        self._spread: tuple[ModelRevision, tuple[float, float]] | None = None
+        """a revision and its `brake_spread`: several steps lead to it"""
         self._changed, self._held_then = True, (0.0, 0.0)
         """whether a further step changes what is known of the tyres, and what was held at the last one"""
         self._probation = self._failures = 0
@@ -256,7 +259,10 @@ class Adoption:
     ) -> TyreKnowledge:
         """Tyre parameters one slew step from those `before` towards the revision, with the newest belief."""
         belief = self._belief if before is not None else None  # a model being built has its own tyres
-        state = GripState(self.delivered, self._held, self._reserves)
+        known = self._spread
+        if known is None or known[0] is not revision:
+            known = self._spread = revision, brake_spread(revision)
+        state = GripState(self.delivered, self._held, self._reserves, known[1])
         return next_knowledge(before, revised, tyre, revision, belief, state)
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:

@@ -11,7 +11,7 @@ from estimator.model.parameters import Quantity
 from estimator.model.tyre import front_and_rear
 from hil_gateway.bus.messages import Belief, ModelRevision
 from hil_gateway.process.arrays import Array
-from planner.adoption.brake_doubt import brake_doubt, brake_spread
+from planner.adoption.brake_doubt import brake_doubt
 from planner.adoption.delivered import DeliveredShares, grip_factors
 from planner.adoption.unlearnt import oversteering
 from planner.adoption.usable_grip import Axles, capacity, rear_share
@@ -75,6 +75,8 @@ class GripState:
     delivered: DeliveredShares
     sustained: tuple[float, float]
     reserves: Reserves
+    brake_spread: tuple[float, float]
+    """of the revision, see there"""
 
 
 def next_knowledge(  # noqa: PLR0917 - all that a plan's tyres depend on
@@ -94,7 +96,7 @@ def next_knowledge(  # noqa: PLR0917 - all that a plan's tyres depend on
     theta, mean, covariance = factors * lasting, factors * mean, covariance * np.outer(factors, factors)
     # a belief that has learnt of less grip tells at once, before the model in force follows
     asked = capacity(tyre.axles, np.minimum(mean, theta), covariance, use=use, level=level, sustained=state.sustained)
-    doubt = brake_doubt(brake_spread(revision), np.sqrt(np.diag(covariance)[peaks]) / mean[peaks], level)
+    doubt = brake_doubt(state.brake_spread, np.sqrt(np.diag(covariance)[peaks]) / mean[peaks], level)
     front, rear = (d / rolling for d, rolling in zip(doubt, state.delivered.rolling, strict=True))
     return TyreKnowledge(
         theta, mean, covariance, tyre.prior_std, judged, (float(use[0]), float(use[1])), asked,
