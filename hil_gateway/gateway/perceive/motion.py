@@ -145,11 +145,6 @@ class MotionReader:
         """Motion of the present period once more: sensors have been found wrong since `step`."""
         return self._move(state, self.motion.speed, course)
 
-    def pressed(self, state: VehicleState) -> float:
-        """Deceleration by the brakes as they are reported, m/s2."""
-        front, rear = self._braked(state)
-        return front + rear
-
     def turned_within(self, seconds: float) -> float:
         """By how much the yaw rate has changed lately by the observer, rad/s; `COURSE_WINDOW` at most."""
         turned = self._turned[-1 - round(seconds / PERIOD_S) :]

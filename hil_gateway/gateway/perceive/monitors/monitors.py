@@ -18,7 +18,6 @@ from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor,
 from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import SHARE, PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
-from hil_gateway.gateway.perceive.monitors.wheels import INNER, Braked
 from hil_gateway.gateway.perceive.motion import Judged, MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.observer.observer import SLOWEST, Observer
@@ -49,7 +48,6 @@ class Monitors:
         self.position = PositionMonitor(config.placing.noise)
         self._imu, self._wheel, self._speed, self._by_fixes, self._turn = (Comparison() for _ in range(5))
         self._itself = ImuMonitor(car)
-        self._braked = Braked(config)
         self._following = FollowingMonitor(car)
         self._reversed = ReversedMonitor(car)
         self._acceleration = AccelerationMonitor(car)
@@ -136,22 +134,19 @@ class Monitors:
 
     def _compare(self, now_ns: int, state: VehicleState, course: Course | None) -> SensorMonitors:
         """Sensors with all others, and with the course of the fixes."""
-        observer, speed = self._observer, self.motion.motion.speed
-        wheels = state.sources["wheel_speeds"].valid
+        observer, wheels = self._observer, state.sources["wheel_speeds"].valid
         both = wheels and state.sources["imu"].valid and not self._imu_gone
-        braked = self._braked.step(self.motion.pressed(state), speed)
         fixes = None if self.position.wrong and not self.imu_wrong else course
         off_s = self._imu.update(0.0 if self._wheels_apart else observer.imu_off, now_ns)
         imu = math.inf if self._itself.found else off_s
-        one = self._wheel.update(observer.wheel_off if braked < INNER else 0.0, now_ns)
+        one = self._wheel.update(observer.wheel_off, now_ns)
         changes = self._speed.update(observer.speed_off if both else 0.0, now_ns)
         apart = 0.0
         if both and fixes is not None:
             apart = abs(second_fastest(state) - fixes.speed) / (SHARE * fixes.speed)
         by_fixes = self._by_fixes.update(apart, now_ns)
         self.position.contradicted(self._turn.update(self.motion.contradicts(fixes if both else None), now_ns))
-        slipping = min(changes, by_fixes) > 0.0 and braked < 1.0
-        return SensorMonitors(imu, one, changes, fixes is not None, slipping)
+        return SensorMonitors(imu, one, changes, fixes is not None, min(changes, by_fixes) > 0.0)
 
     def _miss(self, now_ns: int, state: VehicleState) -> None:
         """An IMU that no longer measures, or is gone while the wheels go on reporting."""

@@ -13,7 +13,6 @@ from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
-from hil_gateway.gateway.perceive.monitors.wheels import Braked
 from hil_gateway.gateway.perceive.motion import Judged, MotionReader, second_fastest
 from hil_gateway.observer.observer import Observer
 
@@ -202,14 +201,6 @@ def test_wheels_that_all_lose_a_fifth_of_their_speed_at_once_are_seen(share: flo
     run(reader, state.model_copy(update=slower), 0.05, now_ns, ActuatorPositions(0.0, 0.1, 0.0, 0.0, 4))
     assert (reader._observer.speed_off > 1.0) is found
     assert reader.motion.speed > 0.9 * 40.0
-
-
-@pytest.mark.parametrize("deceleration", [12.0, 25.0])
-def test_the_hardest_braking_of_the_last_half_second_counts(deceleration: float) -> None:
-    watch = Braked(CONFIG)
-    shares = [watch.step(braking, 40.0) for braking in (deceleration, *[0.0] * 50)]
-    assert len({*shares[:50]}) == 1 and (shares[0] > 1.0) is (deceleration > 20.0)
-    assert shares[50] == 0.0
 
 
 @pytest.mark.parametrize(
