@@ -292,8 +292,8 @@ def left_of_both(lean: Expr, used: Expr) -> Expr:
 
 
 def gripped(load: Any, fades: Any) -> Any:
-    """What of its `load` (m/s2) a tyre grips with that loses friction with load; numbers or symbols."""
-    return load * (1.0 - fades * (load / GRAVITY - 1.0))
+    """What of its `load` (m/s2) a tyre grips with that loses friction with load, but never all; numbers or symbols."""
+    return load * ca.fmax(1.0 - fades * (load / GRAVITY - 1.0), NOISE.least_left)
 
 
 def left(used: Expr) -> Expr:

@@ -17,7 +17,7 @@ from support.cars.scripted_car import reported_state
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.observer.kalman_step import Known
-from hil_gateway.observer.lateral import SHARE, fitted, left_of_both
+from hil_gateway.observer.lateral import SHARE, fitted, gripped, left_of_both
 from hil_gateway.observer.observer import Acts, Observer
 
 CONFIG = Config()
@@ -144,6 +144,11 @@ def test_the_balance_of_the_brakes_is_learnt_from_how_the_car_turns(state: Vehic
 def test_an_axle_that_leans_keeps_less_across_under_brakes(lean: float, kept: float) -> None:
     """Its inner wheel carries less and brakes as much: 0.3 of what the axle grips with."""
     assert float(ca.evalf(left_of_both(ca.SX(lean), ca.SX(0.3)))) == pytest.approx(kept, abs=0.005)
+
+
+@pytest.mark.parametrize(("load", "grips"), [(9.80665, 9.80665), (19.6133, 17.652), (98.0665, 29.42)])
+def test_a_tyre_loses_friction_with_load_but_never_all(load: float, grips: float) -> None:
+    assert gripped(load, 0.1) == pytest.approx(grips, abs=0.01)
 
 
 def stiffer(share: float, braking: float) -> tuple[float, float]:
