@@ -23,8 +23,8 @@ LEVEL_SHARE = 0.4
 """of a step that a reading on either side of it may differ from the one before: on a ramp all differ alike, and a spike
 goes back"""
 BEYOND_NOISE = 20.0
-"""declared deviations that are no noise, with an engine running and kerbs: sound drives come to 11 of a gyro's in one
-period, and to 15 of an accelerometer's"""
+"""declared deviations that are no noise, with an engine running and kerbs: sound drives come to 14 of a gyro's in one
+period, and to 16 of an accelerometer's at once"""
 QUIET = 0.14
 """of its usual noise that one of two axes has at least: 0.145 was the least of a gyro alone on a measured drive of an
 AV-21 (25 Hz, filtered, mostly motion), 0.25 of an axis on simulated ones; from less than a step of the report nothing
