@@ -130,7 +130,7 @@ class ReversedMonitor:
     """
 
     def __init__(self, car: Car) -> None:
-        self._vehicle, self._of = car.vehicle, SteeringReports(car)
+        self._vehicle, self._grip, self._of = car.vehicle, car.least_grip, SteeringReports(car)
         self._reported: deque[float] = deque(maxlen=self._of.window)
         self._asked: deque[float] = deque(maxlen=self._of.window)
         self.found = False
@@ -152,9 +152,14 @@ class ReversedMonitor:
             newest = asked[-self._of.answer :]
             outside = not min(asked) - apart <= motor <= max(asked) + apart
             mirrored = min(newest) - apart < -motor < max(newest) + apart
-            turns = -side * state.yaw_rate > abs(math.tan(state.steer)) * self._vehicle.turns(speed, UNDERSTEER_MOST)
+            turns = -side * state.yaw_rate > self._least_turn(state.steer, speed)
             went = side * (self._reported[0] - motor) > apart
             self.found = self.found or (outside and mirrored and turns and (went or self._moves_against()))
+
+    def _least_turn(self, steer: float, speed: float) -> float:
+        """Yaw rate that an angle comes to at least, rad/s: no tyres turn a car by more than they grip."""
+        by_angle = abs(math.tan(steer)) * self._vehicle.turns(speed, UNDERSTEER_MOST)
+        return min(by_angle, self._grip * self._vehicle.pressed(speed) / speed)
 
     def _moves_against(self) -> bool:
         """Whether it goes to the other side as its command moves, however slowly, and does not only stand there."""

@@ -57,14 +57,21 @@ def gently_reversed(tick: int) -> float:
     return -turning_in(max(tick - LATE, 0))
 
 
-def finds(reported: Motor, turned: Motor, asked: Motor = chicane) -> bool:
-    """`reported` and true angle of the motor; the yaw rate is that of a car that understeers by half."""
+def hairpin(tick: int) -> float:
+    """More than any tyres follow."""
+    return min(max(0.04 * tick, 0.0), 4.0)
+
+
+def finds(reported: Motor, turned: Motor, asked: Motor = chicane, behind: int = 0) -> bool:
+    """`reported` and true angle of the motor; the yaw rate is that of a car that understeers by half, at most what the
+    declared tyres hold, and so many periods later."""
+    most = CAR.pressed(SPEED) * load_car().tyres.grip / SPEED
     rig = Rig()
     rig.run(0.05)
     state, monitor = rig.gateway.seen[0], ReversedMonitor(load_car())
     for tick in range(200):
-        steer, true = reported(tick) / CAR.steering_ratio, turned(tick) / CAR.steering_ratio
-        yaw_rate = 0.5 * SPEED * math.tan(true) / CAR.wheelbase
+        steer, true = reported(tick) / CAR.steering_ratio, turned(tick - behind) / CAR.steering_ratio
+        yaw_rate = min(max(0.5 * SPEED * math.tan(true) / CAR.wheelbase, -most), most)
         commanded = ActuatorPositions(asked(tick), 0.0, 0.0, 0.0, 3)
         monitor.step(state.model_copy(update={"steer": steer, "yaw_rate": yaw_rate}), SPEED, commanded)
     return monitor.found
@@ -77,6 +84,14 @@ def test_reversed_steering_is_told() -> None:
 def test_reversed_steering_is_told_where_its_command_moves_slowly() -> None:
     assert finds(gently_reversed, gently_reversed, turning_in)
     assert not finds(lambda tick: -0.1, lambda tick: -0.1, turning_in), "it stands to the other side"
+
+
+def test_reversed_steering_is_told_beyond_what_the_tyres_follow() -> None:
+    def reverse(tick: int) -> float:
+        return -hairpin(tick - LATE)
+
+    assert finds(reverse, reverse, hairpin, behind=30)
+    assert not finds(reverse, lambda tick: hairpin(tick - LATE), hairpin, behind=30)
 
 
 @pytest.mark.parametrize("turned", [late, slow, stuck])
