@@ -11,6 +11,7 @@ from support.promise_figures import record_figure, volume
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.gateway.decide.failsafe import (
     MEASURES,
+    ROWS,
     TABLE,
     Failsafe,
     Inputs,
@@ -162,3 +163,10 @@ def test_while_silent_only_rows_that_act_then_are_seen():
 @pytest.mark.parametrize("action", FailsafeAction)
 def test_commands_are_sent_in_every_state_but_silence(action):
     assert Failsafe(action).armed == (action is not FailsafeAction.SILENT)
+
+
+def test_a_row_by_itself_fires_as_in_the_table() -> None:
+    row = ROWS["can_silent"]
+    assert row.fires({})
+    assert row.fires({row.measure: row.threshold_s})
+    assert not row.fires({row.measure: 0.99 * row.threshold_s})
