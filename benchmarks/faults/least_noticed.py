@@ -23,6 +23,8 @@ from benchmarks.faults.best_stop import in_a_copy
 from benchmarks.faults.car_campaign import TRACKS, Run, running
 from benchmarks.faults.car_faults import ANGLES, IMU, POSITION, STEERING, WHEELS, CarFault, north, plus, scaled
 from benchmarks.faults.survey import draw
+from hil_gateway.process.errors import InputError
+from hil_gateway.track.loading import load_track
 
 NOTICED_S = 4.0
 """after which an error counts as not noticed"""
@@ -116,10 +118,17 @@ def results(seed: int, tracks: Sequence[str]) -> Iterator[Noticed]:
 
 def main(arguments: Sequence[str]) -> None:
     """The report goes to standard output, the bar to standard error."""
+    if not arguments or not arguments[0].isdecimal():
+        raise InputError("usage: python -m benchmarks.faults.least_noticed SEED [TRACK]..., SEED at least 0")
     seed, tracks = int(arguments[0]), arguments[1:] or TRACKS
+    for track in tracks:
+        load_track(track)
     total = len(tracks) * len(draw(seed, 0, tracks[0]).places) * len(ERRORS)
     print(json.dumps([asdict(r) for r in with_bar(results(seed, tracks), total, lambda r: r.source, forks=True)]))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    try:
+        main(sys.argv[1:])
+    except InputError as error:
+        raise SystemExit(f"least_noticed: {error}") from None

@@ -8,7 +8,8 @@ import pytest
 
 from benchmarks.faults.car_campaign import Run
 from benchmarks.faults.car_faults import CarFault, Memory
-from benchmarks.faults.least_noticed import ERRORS, SIZES, STEP, least_noticed
+from benchmarks.faults.least_noticed import ERRORS, SIZES, STEP, least_noticed, main
+from hil_gateway.process.errors import InputError
 
 
 class Noticing:
@@ -35,3 +36,9 @@ def test_the_least_size_is_the_first_above_the_bound(bound: float) -> None:
 def test_what_is_never_noticed_has_no_size() -> None:
     found = least_noticed(cast("Run", Noticing(ERRORS[0].sizes[SIZES - 1] * 1.01)), ERRORS[0])
     assert (found.size, found.after_s) == (None, None)
+
+
+@pytest.mark.parametrize("arguments", [[], ["one"], ["-1"], ["1", "no_such_track"]])
+def test_arguments_that_are_wrong_are_refused_before_anything_is_driven(arguments: list[str]) -> None:
+    with pytest.raises(InputError):
+        main(arguments)
