@@ -116,6 +116,8 @@ def _why(action: OperatorAction, answer: GatewayStatus | None) -> str:
         return f"only {answer.command_source or 'nobody'} sends commands"
     if action is OperatorAction.CRANK:
         return ", ".join(EXPLANATION.get(name, name) for name in answer.missing_for_crank)
+    if action is OperatorAction.ARM and not (answer.missing_for_arming or answer.cause):
+        return "it was not ready when it was asked, and is now: ask again"
     state = f"the gateway stays in {answer.action.value}{': ' + answer.cause if answer.cause else ''}"
     awaited = "" if answer.missing_for_crank else "; first `hil gateway crank`"
     advice = answer.advice
