@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hil_gateway.plant.car_file import SimulatedCar
+from hil_gateway.plant.car_file import NoiseFactors, SimulatedCar
 from hil_gateway.plant.physics.effects import configure
 
 GRIP_SPREAD = 0.2
@@ -17,6 +17,8 @@ CG_SPREAD_M = (0.05, 0.1)
 """5 to 10 % of the distance to an axle, about 1 m; a centre of gravity cannot be weighed much better"""
 POWER_SPREAD = 0.1
 """brakes and engine"""
+NOISE_OCTAVES = 1.0
+"""noise of a sensor, of the declared: half to twice, as far as data sheets say"""
 
 
 def random_car(seed: int) -> SimulatedCar:
@@ -42,3 +44,10 @@ def random_car(seed: int) -> SimulatedCar:
         brake_gain=within(POWER_SPREAD),
         engine_torque=within(POWER_SPREAD),
     )
+
+
+def with_other_noise(car: SimulatedCar, seed: int) -> SimulatedCar:
+    """The car with sensors whose noise is not the declared one; one seed, one set of sensors."""
+    draw = np.random.default_rng([21, seed])
+    noise = {name: 2.0 ** float(draw.uniform(-NOISE_OCTAVES, NOISE_OCTAVES)) for name in NoiseFactors.model_fields}
+    return car.model_copy(update={"noise": NoiseFactors(**noise)})

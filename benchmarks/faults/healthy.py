@@ -1,4 +1,4 @@
-"""Drives without a fault: random cars that the declared model does not fit, realistic noise, no stop allowed.
+"""Drives without a fault: random cars that neither the declared model nor the declared noise fits, no stop allowed.
 
 Ten cars differ from their data sheet alone, the others have every effect of the simulated car and every two of them
 beside that, dealt before anything is driven.
@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
-from benchmarks.driving.random_car import random_car
+from benchmarks.driving.random_car import random_car, with_other_noise
 from hil_gateway.config import Config
 from hil_gateway.gateway.decide.failsafe import TABLE
 from hil_gateway.plant.physics.effects import SWITCHES
@@ -88,7 +88,7 @@ def drive(track: str, seed: int, seconds: float = DRIVE_S) -> HealthyDrive:
         "estimator": {"learn": seed % 2 == 1},
     }
     result = HealthyDrive(track, seed, deal(seed))
-    car = random_car(seed).model_copy(update={"effects": result.effects})
+    car = with_other_noise(random_car(seed), seed).model_copy(update={"effects": result.effects})
     loop = Loop(Config.model_validate(settings), simulated=car)
     slips: deque[float] = deque(maxlen=round(1.0 / PERIOD_S))
     while loop.elapsed_s < seconds + 10.0 and not result.stops:

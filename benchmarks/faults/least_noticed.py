@@ -18,7 +18,6 @@ from functools import partial
 from typing import Any
 
 from benchmarks.campaign.run import with_bar
-from benchmarks.driving.random_car import random_car
 from benchmarks.faults.best_stop import in_a_copy
 from benchmarks.faults.car_campaign import TRACKS, Run, running
 from benchmarks.faults.car_faults import ANGLES, IMU, POSITION, STEERING, WHEELS, CarFault, north, plus, scaled
@@ -110,7 +109,7 @@ def results(seed: int, tracks: Sequence[str]) -> Iterator[Noticed]:
     for number, track in enumerate(tracks):
         survey = draw(seed, number, track)
         times_s = [at_s for at_s, _ in survey.places]
-        for run in running(track, random_car(survey.car), times_s, learn=survey.car % 2 == 1):
+        for run in running(track, survey.simulated, times_s, learn=survey.car % 2 == 1):
             if run.loop.result.failsafes:
                 break
             yield from (least_noticed(run, error) for error in ERRORS)

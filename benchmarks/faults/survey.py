@@ -1,8 +1,8 @@
 """Survey of faults: random cars, places and orders of faults, all drawn from one seed before anything is driven.
 
-A track gets one random car. Every fault of the model and some pairs are dealt to places of the first two laps, one of
-them in the first seconds after arming, and from every place the car also drives on without a fault: a place from where
-it leaves the road or stops by itself judges no fault.
+A track gets one random car, whose sensors have other noise than is declared. Every fault of the model and some pairs
+are dealt to places of the first two laps, one of them in the first seconds after arming, and from every place the car
+also drives on without a fault: a place from where it leaves the road or stops by itself judges no fault.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.campaign.run import with_bar
-from benchmarks.driving.random_car import random_car
+from benchmarks.driving.random_car import random_car, with_other_noise
 from benchmarks.faults.car_campaign import (
     NOTHING,
     SINGLE,
@@ -26,6 +26,7 @@ from benchmarks.faults.car_campaign import (
     pairs,
     summary,
 )
+from hil_gateway.plant.car_file import SimulatedCar
 
 ARMED_S, FAST_S, LAST_S = 2.0, 14.0, 80.0
 """s of driving: the car is armed, at speed, in its second lap"""
@@ -47,6 +48,11 @@ class Survey:
     car: int
     """seed of the random car; it learns where that is odd"""
     places: tuple[Place, ...]
+
+    @property
+    def simulated(self) -> SimulatedCar:
+        """The car, with sensors whose noise is not the declared one."""
+        return with_other_noise(random_car(self.car), self.car)
 
 
 def draw(seed: int, number: int, track: str) -> Survey:
@@ -76,7 +82,7 @@ def run_survey(seed: int, tracks: Sequence[str] = TRACKS) -> dict[str, Any]:
 
 def _driven(survey: Survey, name: str) -> Iterator[FaultResult]:
     """What the faults of one track come to, beside a bar; fewer than were drawn where the car stops by itself."""
-    results = from_places(survey.track, random_car(survey.car), survey.places, learn=survey.car % 2 == 1)
+    results = from_places(survey.track, survey.simulated, survey.places, learn=survey.car % 2 == 1)
     drawn = sum(len(hand) for _, hand in survey.places)
     for result in with_bar(results, drawn, lambda result: f"{name}: {result.fault}", forks=True):
         if result.margin_m < 0.0:

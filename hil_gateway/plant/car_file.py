@@ -18,12 +18,28 @@ from pydantic import Field, ValidationError
 
 from hil_gateway.plant.events import Event
 from hil_gateway.plant.physics.effects import configure
-from hil_gateway.plant.physics.parameters import CarParameters, PlantParameters
+from hil_gateway.plant.physics.parameters import CarParameters, PlantParameters, SensorParameters
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
 from hil_gateway.text_file import read_json
 
 Factor = Annotated[float, Field(gt=0.3, lt=3.0)]
+Noisier = Annotated[float, Field(ge=0.0, le=10.0)]
+
+
+class NoiseFactors(Model):
+    """Noise of the sensors over that of the base car."""
+
+    acceleration: Noisier = 1.0
+    yaw_rate: Noisier = 1.0
+    speed: Noisier = 1.0
+    position: Noisier = 1.0
+    steer: Noisier = 1.0
+
+    def apply(self, sensors: SensorParameters) -> SensorParameters:
+        """Sensors with this noise."""
+        names = {f"{name}_noise": factor for name, factor in self}
+        return replace(sensors, **{name: factor * getattr(sensors, name) for name, factor in names.items()})
 
 
 class SimulatedCar(Model):
@@ -41,6 +57,7 @@ class SimulatedCar(Model):
     brake_bias: float = Field(default=1.0, gt=0.5, lt=1.5, description="front share of the torque, of the base's")
     engine_torque: Factor = 1.0
     effects: dict[str, float] = Field(default={}, description="undeclared effect -> size")
+    noise: NoiseFactors = NoiseFactors()
     events: tuple[Event, ...] = ()
 
     def parameters(self) -> PlantParameters:
@@ -50,7 +67,7 @@ class SimulatedCar(Model):
             InputError: unknown effect, or a size outside its range.
         """
         base = configure(self.base, self.effects)
-        return replace(base, car=self._apply(base.car))
+        return replace(base, car=self._apply(base.car), sensors=self.noise.apply(base.sensors))
 
     def _apply(self, car: CarParameters) -> CarParameters:
         front, rear = self._brakes(car)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from support.drives.sloped_track import place_of, sloped_track
 from support.promise_figures import record_figure, volume
 
-from benchmarks.driving.random_car import random_car
+from benchmarks.driving.random_car import random_car, with_other_noise
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.demo.drive import _with_arguments
 from hil_gateway.demo.options import DemoOptions, prepare
@@ -28,6 +29,7 @@ from hil_gateway.track.track import Track
 EXAMPLE = {
     "base": "av24", "grip_front": 0.9, "grip_rear": 1.1, "mass": 810, "yaw_inertia": 1080, "cg_x": 0.03,
     "downforce": 0.9, "drag": 1.1, "brake_gain": 0.95, "engine_torque": 0.95, "effects": {"wind": 8.0},
+    "noise": {"position": 2.0},
     "events": [{"kind": "grip", "t": 40, "for_s": 6, "factor": 0.7},
                {"kind": "gust", "t": 90, "for_s": 2, "force_n": 1500}, {"kind": "puncture", "t": 120, "wheel": "rl"}],
 }  # fmt: skip
@@ -57,6 +59,8 @@ def test_every_key_of_a_car_file_changes_the_car_as_it_says(tmp_path: Path) -> N
     assert (car.downforce, car.drag) == pytest.approx((0.9 * usual.downforce, 1.1 * usual.drag))
     assert car.brake_gain_front == pytest.approx(0.95 * usual.brake_gain_front)
     assert car.engine_torque == pytest.approx([0.95 * t for t in usual.engine_torque])
+    sensors, usual_sensors = simulated.parameters().sensors, AV24.sensors
+    assert sensors == replace(usual_sensors, position_noise=2.0 * usual_sensors.position_noise)
     assert [event.kind for event in simulated.events] == ["grip", "gust", "puncture"]
 
 
@@ -65,6 +69,7 @@ def test_every_key_of_a_car_file_changes_the_car_as_it_says(tmp_path: Path) -> N
     [
         ({"gripp": 1.0}, "gripp"),
         ({"mass": -5}, "mass"),
+        ({"noise": {"gyro": 2.0}}, "noise.gyro"),
         ({"effects": {"ghost": 1.0}}, "ghost"),
         ({"events": [{"kind": "grip", "factor": 0.7, "when": 3}]}, "when"),
         ({"events": [{"kind": "meteor", "t": 3}]}, "events"),
@@ -86,6 +91,15 @@ def test_random_cars_stay_in_their_ranges_and_repeat_with_their_seed() -> None:
     assert 0.049 < mass_off.min() < 0.06
     assert 0.09 < mass_off.max() < 0.101
     assert all(abs(car.brake_gain - 1.0) <= 0.1 and abs(car.engine_torque - 1.0) <= 0.1 for car in cars)
+
+
+def test_sensors_of_a_random_car_have_half_to_twice_the_noise() -> None:
+    cars = [with_other_noise(random_car(seed), seed) for seed in range(200)]
+    assert cars[3] == with_other_noise(random_car(3), 3) != random_car(3)
+    factors = np.array([list(car.noise.model_dump().values()) for car in cars])
+    assert 0.5 <= factors.min() < 0.51
+    assert 1.95 < factors.max() <= 2.0
+    assert np.abs(np.corrcoef(factors.T) - np.eye(5)).max() < 0.25
 
 
 def test_only_the_plant_is_told_of_the_car(tmp_path: Path) -> None:
