@@ -37,7 +37,7 @@ from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.observer.bank import FILTERS, GATE, Bank
 from hil_gateway.observer.kalman_step import Known, step_function
-from hil_gateway.observer.numbers import BODY, GRAVITY_S, SLIP_S, YIELDS, Given, given, numbers_of
+from hil_gateway.observer.numbers import BODY, GRAVITY_S, SLIP_S, VIBRATION, YIELDS, Given, given, numbers_of
 from hil_gateway.process.arrays import Array, Expr
 from hil_gateway.process.compiled import CompiledFunction
 
@@ -98,8 +98,6 @@ class LateralNoise:
     """of the speed of a wheel: under brakes that take all of the grip it locks, and says nothing"""
     wheels: float = 0.025
     """rad/s a sample of an axle: tread"""
-    gyro: float = 0.0036
-    """rad/s a sample: vibration"""
     yaw_walk: float = 0.05
     """rad/s, per square root of a second: gusts, kerbs"""
     yaw_walk_unknown: float = 1.0
@@ -192,7 +190,7 @@ class Turning:
         wheels = [n.wheels**2 + 2.0 * (s.wheel / track) ** 2 for track in (self.car.track_front, self.car.track_rear)]
         along = self._braking + self.u.pushing
         ay = BODY**2 + s.force**2 + (s.turn * along) ** 2 + (s.ahead * self._turning(x, known)) ** 2
-        return *wheels, n.slide**2 * n.slide_s / self.u.dt, n.gyro**2 + s.rate**2, ay
+        return *wheels, n.slide**2 * n.slide_s / self.u.dt, VIBRATION**2 + s.rate**2, ay
 
     def _angles(self, x: Expr) -> tuple[Expr, Expr]:
         """Slip angles of both axles over those that tell how stiff their tyres are."""

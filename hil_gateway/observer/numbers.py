@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -9,6 +10,7 @@ import casadi as ca
 
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.observer.bank import GATE
 from hil_gateway.process.arrays import Array, Expr
 
 
@@ -30,6 +32,8 @@ GRAVITY_S = 5.0
 """that of gravity that the map lacks: 300 m of road"""
 BODY = 0.49
 """m/s2 a sample: pitch and roll of the body behind the filter of an accelerometer (0.05 s)"""
+VIBRATION = 0.0036
+"""rad/s a sample of a gyro: engine and road"""
 SLOW_S = 600.0
 """s in which what is slow about a car (tyres, pads, offsets) moves by as much as it differed at first"""
 
@@ -41,6 +45,13 @@ def numbers_of(car: Car, slow: Array) -> list[float]:
     noise = imu.rate_noise, imu.acceleration_noise, car.sensors.wheel_speed_noise
     mounting = car.std(f"imu.{name}.yaw"), car.std(f"imu.{name}.x")
     return [*car.vehicle.model_dump().values(), *mounting, *noise, car.tyres.load_sensitivity, *(slow**2 / SLOW_S)]
+
+
+def sound_imu_within(car: Car) -> tuple[float, float]:
+    """By how much a rate (rad/s) and a specific force (m/s2) that the first inertial sensor reads differ at most from
+    what the car does, by its own noise and by what shakes it."""
+    imu = next(iter(car.imus.values()))
+    return GATE * math.hypot(imu.rate_noise, VIBRATION), GATE * math.hypot(imu.acceleration_noise, BODY)
 
 
 class Given(NamedTuple):

@@ -18,9 +18,9 @@ from hil_gateway.car.car import Car
 from hil_gateway.gateway.act.stop_path import CLEAR
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, SteeringReports, moved_share
-from hil_gateway.gateway.perceive.monitors.imu import BEYOND_NOISE
 from hil_gateway.gateway.perceive.monitors.road import BEYOND, NEAR
 from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
 from hil_gateway.track.track import Track
 
@@ -37,7 +37,7 @@ class StuckSteering:
         self._of, self._turns_in_s = SteeringReports(car), car.turns_in_s
         self._judged_s = car.actuators.steering_late
         """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
-        self._apart = BEYOND_NOISE * next(iter(car.imus.values())).rate_noise
+        self._apart = sound_imu_within(car)[0]
         """rad/s by which one of the angles must explain the yaw rate better than the other"""
         self._grip = partial(config.grip, car.vehicle)
         self._sliding = math.sin(0.5 * math.pi * car.tyres.c)

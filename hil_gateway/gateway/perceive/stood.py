@@ -10,8 +10,8 @@ from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
-from hil_gateway.gateway.perceive.monitors.imu import BEYOND_NOISE
 from hil_gateway.gateway.perceive.road_speed import rests
+from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.process.clock import NS_PER_S
 
 
@@ -19,7 +19,7 @@ class Stood:
     """`step` once a period with the newest estimate; `estimate` is there while nobody knows better."""
 
     def __init__(self, car: Car) -> None:
-        self._turning = BEYOND_NOISE * next(iter(car.imus.values())).rate_noise
+        self._turning = sound_imu_within(car)[0]
         """rad/s: who carries a car turns it faster"""
         self._last: Estimate | None = None
         self._seen_ns = 0

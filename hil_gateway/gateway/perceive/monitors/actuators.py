@@ -12,9 +12,9 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
-from hil_gateway.gateway.perceive.monitors.imu import BEYOND_NOISE
 from hil_gateway.gateway.perceive.motion import BRAKED, UNDERSTEER_MOST, periods_late
 from hil_gateway.observer.bank import GATE
+from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
 
@@ -174,7 +174,7 @@ class AccelerationMonitor:
 
     def __init__(self, car: Car) -> None:
         self._per_pa = car.powertrain.brake_force_per_pa / car.vehicle.mass
-        self._pushed = BEYOND_NOISE * next(iter(car.imus.values())).acceleration_noise
+        self._pushed = sound_imu_within(car)[1]
         """m/s2 forward with the accelerator closed: specific force has no gravity in it, and drag is backward"""
         self._held = ConditionTime()
 

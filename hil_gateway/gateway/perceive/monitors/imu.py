@@ -14,6 +14,7 @@ from itertools import pairwise
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.received import STUCK_FRAMES
+from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.settings.gateway import PERIOD_S
 
@@ -22,9 +23,6 @@ STEADY = 4
 LEVEL_SHARE = 0.4
 """of a step that a reading on either side of it may differ from the one before: on a ramp all differ alike, and a spike
 goes back"""
-BEYOND_NOISE = 20.0
-"""declared deviations that are no noise, with an engine running and kerbs: sound drives come to 14 of a gyro's in one
-period, and to 16 of an accelerometer's at once"""
 QUIET = 0.14
 """of its usual noise that one of two axes has at least: 0.145 was the least of a gyro alone on a measured drive of an
 AV-21 (25 Hz, filtered, mostly motion), 0.25 of an axis on simulated ones; from less than a step of the report nothing
@@ -37,8 +35,9 @@ class ImuMonitor:
     """Keeps the newest readings; what it has found holds until the car stands."""
 
     def __init__(self, car: Car) -> None:
-        reports, (name, imu), v = car.codec.signals.reports, next(iter(car.imus.items())), car.vehicle
-        self._least = [BEYOND_NOISE * n for n in (imu.rate_noise, imu.acceleration_noise, imu.acceleration_noise)]
+        reports, name, v = car.codec.signals.reports, next(iter(car.imus)), car.vehicle
+        rate, force = sound_imu_within(car)
+        self._least = rate, force, force
         """steps beside noise, rad/s and m/s2"""
         against = v.static_load_front * v.lf + v.static_load_rear * v.lr
         self._kick = PERIOD_S * car.most_grip * against / v.yaw_inertia
