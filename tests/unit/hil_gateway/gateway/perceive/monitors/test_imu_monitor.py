@@ -9,7 +9,7 @@ import pytest
 from support.cars.scripted_car import reported_state
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.car.car import load_car
+from hil_gateway.car.car import Car, load_car
 from hil_gateway.gateway.perceive.monitors.imu import STEADY, USUAL, ImuMonitor
 from hil_gateway.gateway.perceive.received import STUCK_FRAMES
 
@@ -26,9 +26,9 @@ def state() -> VehicleState:
 class Drive:
     """Readings with noise, one period after the other."""
 
-    def __init__(self, state: VehicleState) -> None:
+    def __init__(self, state: VehicleState, car: Car | None = None) -> None:
         self._state, self._rng = state, random.Random(1)
-        self.monitor = ImuMonitor(load_car())
+        self.monitor = ImuMonitor(car or load_car())
 
     def read(self, turn: float, ay: float, ax: float, noise: float = 1.0, age_s: float = 0.0) -> bool:
         draw = self._rng.gauss
@@ -58,6 +58,18 @@ def test_less_grip_from_one_period_to_the_next_is_no_wrong_imu(state):
 
 def test_a_gear_shift_is_no_wrong_imu(state):
     assert not Drive(state).steps((0.0, 0.0, 6.0), (0.0, 0.0, -3.0))
+
+
+def _with_a_better_imu(car: Car) -> Car:
+    name, imu = next(iter(car.imus.items()))
+    better = imu.model_copy(update={"rate_noise": 0.05 * imu.rate_noise, "acceleration_noise": 0.0})
+    return car.model_copy(update={"imus": {name: better}})
+
+
+def test_a_gear_shift_in_a_bend_is_no_wrong_imu_however_good_its_data_sheet_is(state):
+    drive = Drive(state, _with_a_better_imu(load_car()))
+    readings = [(0.092, 4.5, 6.1)] * 10 + [(0.088, 4.9, -1.1)] + [(0.085, 4.9, -2.4)] * 10
+    assert not any(drive.read(*reading, noise=0.01) for reading in readings)
 
 
 def test_a_car_that_begins_to_spin_is_no_wrong_imu(state):
