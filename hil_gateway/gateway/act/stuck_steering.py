@@ -37,8 +37,9 @@ class StuckSteering:
         self._of, self._turns_in_s = SteeringReports(car), car.turns_in_s
         self._judged_s = car.actuators.steering_late
         """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
-        self._apart = sound_imu_within(car)[0]
-        """rad/s by which one of the angles must explain the yaw rate better than the other"""
+        self._apart = 2.0 * sound_imu_within(car)[0]
+        """rad/s by which one of the angles must explain the yaw rate better than the other: either may be off by as
+        much as a sound gyro"""
         self._grip = partial(config.grip, car.vehicle)
         self._sliding = math.sin(0.5 * math.pi * car.tyres.c)
         """of the grip that tyres have when they slide: where their curve sin(c atan(b s)) ends"""
