@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hil_gateway.bus.messages import Estimate, PlanStatus
+from hil_gateway.bus.messages import PlanStatus
 from hil_gateway.config import PlannerConfig
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.arrays import Array
@@ -54,9 +54,7 @@ class FreshPlans:
         """What is planned next begins afresh."""
         self.guess_start_ns, self.solved_ns = None, 0
 
-    def solve(
-        self, z0: Array, start_ns: int, started: int, expected: Array | None, estimate: Estimate
-    ) -> PlanDecision | str:
+    def solve(self, z0: Array, start_ns: int, started: int, expected: Array | None) -> PlanDecision | str:
         """Fresh plan, or the reason there is none; `expected`: state that the last plan has there."""
         controller = self._adoption.controller
         if self._is_cold(z0, start_ns, expected):
@@ -81,7 +79,8 @@ class FreshPlans:
         if self._late(started):
             return f"solver: later than {1e3 * self._config.deadline_s:.0f} ms"
         self.solved_ns = start_ns
-        self._note_loads(estimate)
+        if self._adoption.corrected:
+            self._note_loads()
         overloaded = max(self.check.first_loads) > OVERLOAD
         self.boldness = TIMID * self.boldness if overloaded else min(1.0, self.boldness + BOLDER)
         return PlanDecision(
@@ -102,13 +101,12 @@ class FreshPlans:
     def _late(self, started: int) -> bool:
         return (self._stopwatch() - started) / NS_PER_S > self._config.deadline_s
 
-    def _note_loads(self, estimate: Estimate) -> None:
+    def _note_loads(self) -> None:
         limits, most = self._adoption.controller.knowledge.load_max, 1.0 / self._config.load_use
         # across alone: a start from rest says nothing of bends; the share of a sliding tyre goes on beyond its
         # peak, what it bears does not
-        front, rear = (min(share, most) * limit for share, limit in zip(self.check.first_across, limits, strict=True))
-        for held, load in zip(self._held, self._adoption.carried((front, rear), estimate), strict=True):
-            held.push(load)
+        for held, share, limit in zip(self._held, self.check.first_across, limits, strict=True):
+            held.push(min(share, most) * limit)
         before = self._adoption.sustained
         self._adoption.sustained = LoadLimits(
             max(before.front, self._held[0].value), max(before.rear, self._held[1].value)

@@ -234,9 +234,7 @@ class Planner:
             plan = stop_plan(z0, start_ns, self.settings.horizon, self._stopping())
             return PlanDecision(plan, PlanStatus.STOP, why)
         if z0 is not None and not self._following.hindrance:
-            estimate = self._estimate.latest.message
-            assert estimate is not None
-            solved = self.fresh.solve(z0, start_ns, started, self._expected(start_ns), estimate)
+            solved = self.fresh.solve(z0, start_ns, started, self._expected(start_ns))
             self.adoption.judge(isinstance(solved, PlanDecision))
             if isinstance(solved, PlanDecision):
                 return solved

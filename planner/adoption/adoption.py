@@ -24,7 +24,6 @@ from planner.adoption.delivered import DeliveredShares
 from planner.adoption.knowledge import GripState, Reserves, TyreNames, at_rest, next_knowledge
 from planner.adoption.plausible import implausible, near
 from planner.adoption.trust import Trust, slides
-from planner.adoption.unlearnt import measured_loads
 from planner.adoption.usable_grip import PROFILE_SHARE, sustained_next
 from planner.line.envelope import SPEED_LEFT, Brakes, envelope_of
 from planner.line.raceline import OptimisedLine, raceline_for
@@ -88,7 +87,9 @@ class Adoption:
         """whether a further step changes what is known of the tyres, and what was held at the last one"""
         self._probation = self._failures = 0
         self.delivered = DeliveredShares()
-        self._front_response = np.inf if self._by_data_sheet and not config.estimator.learn else None
+        self.corrected = config.estimator.learn or not self._by_data_sheet
+        """whether data correct the model; else every lap is like the first, and no load held counts"""
+        self._front_response = None if self.corrected else np.inf
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
         self._line: OptimisedLine | None = None
@@ -154,7 +155,7 @@ class Adoption:
         """Plan at once with what tyres and brakes deliver now."""
         if not self._by_data_sheet:
             return
-        if self._front_response is not None and delivered is not None and delivered.front is not None:
+        if not self.corrected and delivered is not None and delivered.front is not None:
             self._front_response, self._changed = delivered.front, True
         brakes = self.delivered.brakes
         if self.delivered.take(delivered):
@@ -175,17 +176,9 @@ class Adoption:
             self.load_cap, self._asked = share, NOTHING_ASKED
 
     def begin_lap(self, lap: int) -> None:
-        """What was held in the laps before `lap` may be asked for again; nothing where it is not a new one."""
-        if lap > self._lap:
+        """What was held in the laps before `lap` may be asked for again; nothing where the model is no better known."""
+        if lap > self._lap and self.corrected:
             self._lap, self._sustained_by_lap, self._changed = lap, self.sustained, True
-
-    def carried(self, modelled: tuple[float, float], estimate: Estimate) -> tuple[float, float]:
-        """Forces over axle load (front, rear) that tyres bear, from those by the model in force."""
-        current = self.current
-        if self._front_response is None:
-            return modelled
-        measured = measured_loads(estimate, self.controller.knowledge.mean, self._config.vehicle, current.tyre.axles)
-        return min(modelled[0], measured[0]), min(modelled[1], measured[1])
 
     def judge(self, accepted: bool) -> None:
         """Outcome of a plan with the model in force; rolls a new model back that keeps failing."""

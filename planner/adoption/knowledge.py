@@ -20,9 +20,9 @@ from planner.problem.brake_law import pressure_ratio
 from planner.problem.load_limits import SLEW, judged_limits
 
 FIRST_LAP = 1.25
-"""times the standard deviations of Eq. (10) in a first lap: what is believed then comes from a data sheet and from
-forces far below the peak, and is wrong by two standard deviations more often than it says. Where no data sheet is
-believed (`declared_model` paper) the prior is as wide as that says"""
+"""times the standard deviations of Eq. (10) in a first lap, and in every lap where nothing corrects the model: what is
+believed then comes from a data sheet and from forces far below the peak, and is wrong by two standard deviations more
+often than it says. Where no data sheet is believed (`declared_model` paper) the prior is as wide as that says"""
 
 
 @dataclass(frozen=True)

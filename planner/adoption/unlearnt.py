@@ -7,19 +7,16 @@ sheet for good. Two things follow:
   correction: at 60 to 75 m/s it weaves until it spins, long before a tyre has reached its peak. One that responds less
   runs wide. So motion is predicted with the car that oversteers more: front tyres one standard deviation of the balance
   stiffer, and less where they are seen to respond less. How far that is, the covariance of the model says.
-- **Loads held.** What the model says an axle has borne is no evidence where nothing corrects the model: a weak axle
-  slips more, which to the model is more force, and more would be asked for. What was measured counts.
+- **Reserves.** A force that a tyre has borne says where its peak is not, and nothing tells how far above that it is:
+  asked for again after every swing that came higher, it ends at the peak, within a bend. So no load held counts, and
+  every lap keeps what the first keeps back.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from estimator.model.tyre import normalised_force
-from hil_gateway.bus.messages import Estimate
-from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
-from planner.adoption.trust import JUDGED_SPEED, slip_angles
 from planner.adoption.usable_grip import Axles
 
 
@@ -34,17 +31,3 @@ def oversteering(theta: Array, covariance: Array, axles: Axles, response: float)
     spread = np.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
     factors[front] = np.clip(response, 1.0 - spread, 1.0 + spread)
     return np.asarray(factors * theta)
-
-
-def measured_loads(estimate: Estimate, mean: Array, vehicle: Vehicle, axles: Axles) -> tuple[float, float]:
-    """Lateral force over axle load (front, rear) of the last 0.1 s: by the believed tyres `mean` (n,), times the share
-    of it that was delivered; 0 where too little was asked to tell."""
-    shares = estimate.delivered
-    if shares is None or estimate.vx < JUDGED_SPEED:
-        return 0.0, 0.0
-    rows = zip(slip_angles(estimate, vehicle), (shares.front, shares.rear), axles, strict=True)
-    front, rear = (
-        0.0 if share is None else max(share, 0.0) * float(normalised_force(np.array(abs(slip)), *mean[list(axle)]))
-        for slip, share, axle in rows
-    )
-    return front, rear

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ from support.cars.model_car import HORIZON, ModelCar, assert_within_limits, fail
 from estimator.belief.revision import RevisedModel
 from estimator.model.tyre import normalised_force
 from hil_gateway.bus import topics
+from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import ActiveEffect, Belief, PlanStatus
+from hil_gateway.config import load_config
 from planner.adoption.adoption import PROBATION_FAILURES, implausible
 from planner.adoption.usable_grip import PROFILE_SHARE
 from planner.fresh_plans import BOLDER
@@ -160,6 +163,18 @@ def test_what_front_tyres_held_is_asked_for_with_a_little_more_from_the_next_lap
     assert front == pytest.approx(0.85 * theta[peaks[0]], rel=0.01)
     assert PROFILE_SHARE * front_then == pytest.approx(1.02 * front, rel=0.01)
     assert rear_then == pytest.approx(rear, rel=0.01)
+
+
+@pytest.mark.parametrize("learn", [False, True])
+def test_a_load_that_was_held_counts_only_where_data_correct_the_model(
+    learn: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = load_config(None, {"estimator.learn": learn})
+    rig = ModelCar(config)
+    told = partial(rig.estimate, delivered=Delivered(front=1.0, rear=1.0, brakes=None))
+    monkeypatch.setattr(rig, "estimate", told)
+    rig.run(6.0)
+    assert all((held > 0.0) == learn for held in rig.planner.next_limits().pair)
 
 
 def test_implausible_revisions_are_refused() -> None:
