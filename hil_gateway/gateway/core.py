@@ -7,7 +7,6 @@ at once. Nothing here reads a clock, or raises anything but bugs.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -24,12 +23,10 @@ from hil_gateway.gateway.decide.conditions import Conditions
 from hil_gateway.gateway.decide.decision import Decision, Situation, decide
 from hil_gateway.gateway.decide.failsafe import ROWS, Failsafe, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import caution_speed, flags_in_force, flags_received
-from hil_gateway.gateway.perceive.course import CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.lateness import Lateness, brought_up
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
-from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.receivers import OtherReceivers
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.stood import Stood
@@ -66,11 +63,10 @@ class Gateway:
         self.builder = VehicleStateBuilder(config, actuation)
         self.inbox = Inbox(bus, config.gateway.command_latency_max_s)
         self.monitors = Monitors(config, track)
-        self._dead_reckoning = DeadReckoning(config.vehicle.lr)
+        self._dead_reckoning = DeadReckoning(config.vehicle.lr, config.placing.noise)
         self._lateness = Lateness(self.builder)
-        self._before_pause = self._reckoned()
+        self._before_pause = self._dead_reckoning.now
         """what had been reckoned when frames last came: those that waited go on from there"""
-        self._course = CourseReader(config.placing.noise)
         self._receivers = OtherReceivers(config.car, config.origin)
         self._tyres = TyreReports(self.builder)
         self._stood = Stood(config.car)
@@ -183,13 +179,10 @@ class Gateway:
         paused, was_late = self._lateness.pauses, self._lateness.late_ns
         late_ns = self._lateness.step(now_ns)
         if self._lateness.pauses and not paused:
-            self._before_pause = self._reckoned()
+            self._before_pause = self._dead_reckoning.now
         if late_ns and not was_late:
-            self.monitors.position, self._dead_reckoning = self._before_pause
+            self._dead_reckoning.now = self._before_pause
         return late_ns
-
-    def _reckoned(self) -> tuple[PositionMonitor, DeadReckoning]:
-        return copy.deepcopy((self.monitors.position, self._dead_reckoning))
 
     def _perceive_as_of(
         self, then_ns: int, now_ns: int, state: VehicleState, before: Decision
@@ -197,17 +190,18 @@ class Gateway:
         """The same of `then_ns`, which what arrives now tells of; estimates from frames that are late say nothing."""
         monitors, in_time = self.monitors, now_ns == then_ns
         fixes_fitted, imu_was_wrong = monitors.fixes_fit, monitors.imu_wrong
-        course = self._course.step(now_ns, self.builder.fixes)
+        course = self.builder.fixes.course(now_ns)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
         motion = monitors.motion.step(then_ns, state, course if fixes_fitted else None, commanded)
-        monitors.position.step(then_ns, state, motion, self._dead_reckoning.pose, rolls=not before.stopping)
+        reckoned = self._dead_reckoning.carry_on(then_ns, motion)
+        monitors.position.step(then_ns, state, motion, reckoned, rolls=not before.stopping)
         outvoted_s = self._receivers.step(now_ns, self.builder)
         estimate = self.inbox.read_estimate(now_ns)
         if in_time:
             monitors.position.outvoted(outvoted_s)
             monitors.heed(now_ns, state, self.inbox.estimate, self._dead_reckoning.pose is not None)
         believed = estimate if monitors.estimate_fits and in_time else None
-        pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fixes_fit)
+        pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fix_fits)
         monitored = monitors.measures(now_ns, state, pose, commanded, course, before.stopping, self._tyres.flat)
         found = monitors.imu_wrong and not imu_was_wrong
         if found:  # a stop that begins now must not go by what was false

@@ -116,9 +116,8 @@ class MotionReader:
         self._last_ns: int | None = None
         self._asked: deque[float] = deque(maxlen=periods_late(car))
         """steering angles on the wire, rad at the motor, the oldest of which the steering has reached"""
-        self._observed: deque[tuple[float, float, float, float]] = deque(maxlen=COURSE_WINDOW)
-        """yaw rates by the observer in the periods a course spans, rad/s, by it without the IMU, and by the gyro; turn
-        rate of the way by the lateral force"""
+        self._observed: deque[tuple[float, float]] = deque(maxlen=COURSE_WINDOW)
+        """yaw rates by the observer in the periods a course spans, rad/s, and by it without the IMU"""
         self.motion = Motion()
         self.judged = Judged()
 
@@ -150,16 +149,6 @@ class MotionReader:
         turned = self._turned[-1 - round(seconds / PERIOD_S) :]
         return turned[-1] - turned[0] if turned else 0.0
 
-    def contradicts(self, course: Course | None) -> float:
-        """How far the turn rate of a course of fixes is off both that of gyro and of force, over what it is at most
-        off; 0 where the observer does not side with the gyro. In a slide the car turns otherwise than its way, which
-        the force tells."""
-        if course is None or len(self._observed) < COURSE_WINDOW:
-            return 0.0
-        _, others, gyro, felt = (sum(rates) / COURSE_WINDOW for rates in zip(*self._observed, strict=True))
-        sides = abs(others - gyro) < abs(others - course.turn_rate)
-        return min(abs(by - course.turn_rate) for by in (gyro, felt)) / course.turn_within if sides else 0.0
-
     def _gyro(self, state: VehicleState) -> bool:
         return state.sources["imu"].valid and not (self.judged.imu_wrong or self.judged.imu_gone)
 
@@ -184,8 +173,7 @@ class MotionReader:
         known = sources["steering"].valid and sources["pedals"].valid and not judged.imu_gone and judged.tyres
         self._observer.step(state, speed, rolled, acts, judged.gravity_across, imu, known, judged.steers)
         if self._observer.runs:
-            felt = (state.ay - judged.gravity_across) / speed
-            self._observed.append((*self._observer.yaw_rates, state.yaw_rate, felt))
+            self._observed.append(self._observer.yaw_rates)
         else:
             self._observed.clear()
 

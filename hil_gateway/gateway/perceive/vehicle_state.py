@@ -52,7 +52,7 @@ class VehicleStateBuilder:
         self._actuation = actuation
         self._map = LocalMap(config.origin)
         self._newest: defaultdict[str, float] = defaultdict(float)
-        self.fixes = Fixes()
+        self.fixes = Fixes(config.placing.noise)
         self.network = NetworkReceivers(config)
         """receivers that place the car in the stead of the one on its bus, where there are any"""
         self._received = received_messages(car, self._newest, self.fixes)

@@ -46,7 +46,7 @@ class Monitors:
         self._observer = Observer(config)
         self.motion = MotionReader(car, self._observer)
         self.position = PositionMonitor(config.placing.noise)
-        self._imu, self._wheel, self._speed, self._by_fixes, self._turn = (Comparison() for _ in range(5))
+        self._imu, self._wheel, self._speed, self._by_fixes = (Comparison() for _ in range(4))
         self._itself = ImuMonitor(car)
         self._following = FollowingMonitor(car)
         self._reversed = ReversedMonitor(car)
@@ -65,6 +65,11 @@ class Monitors:
     def fixes_fit(self) -> bool:
         """Whether fixes are believed; where the IMU is contradicted too, it is the IMU that they did not fit."""
         return self.imu_wrong or not self.position.suspect
+
+    @property
+    def fix_fits(self) -> bool:
+        """Whether the newest fix is: one that fits is among others that do not, too, until they are wrong."""
+        return self.fixes_fit or (self.position.fits and not self.position.wrong)
 
     @property
     def blind(self) -> bool:
@@ -89,7 +94,6 @@ class Monitors:
             "one wheel": self._wheel.share,
             "speed of the wheels": self._speed.share,
             "speed of the wheels, fixes": self._by_fixes.share,
-            "gyro, fixes": self._turn.share,
         }
 
     def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], reckoned: bool) -> None:
@@ -120,7 +124,7 @@ class Monitors:
         self._distrust(sensors, max(sensors.speed, unanswered_s))
         # a source that is not believed any more stops the car, whatever it says from then on
         return {
-            "position_wrong": math.inf if self.position.wrong or self.position.refused else 0.0,
+            "position_wrong": math.inf if self.position.wrong else 0.0,
             "position_lost": self.position.lost_s,
             "wheel_speed_wrong": math.inf if self.wheels_wrong else sensors.wheels,
             "yaw_rate_wrong": math.inf if self.imu_wrong else sensors.imu,
@@ -145,7 +149,6 @@ class Monitors:
         if both and fixes is not None:
             apart = abs(second_fastest(state) - fixes.speed) / (SHARE * fixes.speed)
         by_fixes = self._by_fixes.update(apart, now_ns)
-        self.position.contradicted(self._turn.update(self.motion.contradicts(fixes if both else None), now_ns))
         return SensorMonitors(imu, one, changes, fixes is not None, min(changes, by_fixes) > 0.0)
 
     def _miss(self, now_ns: int, state: VehicleState) -> None:

@@ -42,34 +42,15 @@ Vector = tuple[float, float]
 """east and north, in the map"""
 
 
-class _Line:
-    """The newest fixes, and where they were at a time in between."""
-
-    def __init__(self, latest_s: float) -> None:
-        """`latest_s`: how old the places are at most that are asked for."""
-        self._kept_s = latest_s + 2.0 * CHORD_S
-        self._fixes: deque[tuple[float, float, float]] = deque()
-        self._seq = 0
-
-    def take(self, fixes: Fixes) -> None:
-        """The fix of this period, if one came; across a gap there is no line."""
-        if fixes.seq == self._seq:
-            return
-        self._seq, t = fixes.seq, fixes.stamp_ns / NS_PER_S
-        if self._fixes and t - self._fixes[-1][0] > UNSEEN_S:
-            self._fixes.clear()
-        self._fixes.append((t, fixes.x, fixes.y))
-        while self._fixes[0][0] < t - self._kept_s:
-            self._fixes.popleft()
-
-    def at(self, t: float) -> tuple[Vector, Vector] | None:
-        """Place (m) and velocity (m/s) in the map at `t` (s); None where no fixes are near."""
-        if not self._fixes or t - CHORD_S < self._fixes[0][0] or t > self._fixes[-1][0] + OLDEST_S:
-            return None
-        later = min(t + CHORD_S, self._fixes[-1][0])
-        times, *axes = np.array(self._fixes).T
-        (x, x0, x1), (y, y0, y1) = (np.interp([t, later - 2.0 * CHORD_S, later], times, axis).tolist() for axis in axes)
-        return (x, y), ((x1 - x0) / (2.0 * CHORD_S), (y1 - y0) / (2.0 * CHORD_S))
+def _there(fixes: Fixes, t: float) -> tuple[Vector, Vector] | None:
+    """Place (m) and velocity (m/s) in the map by the fixes at `t` (s); None where none are near."""
+    times, places = fixes.line()
+    if not len(times) or t - CHORD_S < times[0] or t > times[-1] + OLDEST_S:
+        return None
+    later = min(t + CHORD_S, times[-1])
+    place, before, after = np.interp([t, later - 2.0 * CHORD_S, later], times, places).tolist()
+    velocity = (after - before) / (2.0 * CHORD_S)
+    return (place.real, place.imag), (velocity.real, velocity.imag)
 
 
 class _Known(NamedTuple):
@@ -124,7 +105,7 @@ class _Receiver:
         self._known = _Known(0.0, [0.0, 0.0, late_s], spread)
         self._kept.clear()
 
-    def step(self, now_ns: int, builder: VehicleStateBuilder, line: _Line) -> bool:
+    def step(self, now_ns: int, builder: VehicleStateBuilder) -> bool:
         """Takes in a new reading; whether there is one."""
         age_s = builder.age_s(self._source, now_ns)
         if age_s > UNSEEN_S:
@@ -136,7 +117,7 @@ class _Receiver:
         t, since_s = stamp_ns / NS_PER_S, 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / NS_PER_S
         self._stamp_ns = stamp_ns
         read = self._map.to_map_radians(builder.value(self._latitude), builder.value(self._longitude))
-        there = line.at(t - self._known.means[2]) if read != self._read else None
+        there = _there(builder.fixes, t - self._known.means[2]) if read != self._read else None
         self._read = read
         if there is None:  # it hangs, or there are no fixes
             self._kept.clear()
@@ -190,7 +171,6 @@ class OtherReceivers:
         local_map = LocalMap(origin)
         _, *others = car.receivers
         self._receivers = [_Receiver(name, car, local_map) for name in others[:2]]
-        self._line = _Line(max((receiver.latest_s for receiver in self._receivers), default=0.0))
         self._held = ConditionTime()
         self.share = 0.0
         """of what chance explains that the offsets have moved"""
@@ -199,8 +179,7 @@ class OtherReceivers:
         """Seconds they have; once a period."""
         if len(self._receivers) < 2:
             return 0.0
-        self._line.take(builder.fixes)
-        came = [receiver for receiver in self._receivers if receiver.step(now_ns, builder, self._line)]
+        came = [receiver for receiver in self._receivers if receiver.step(now_ns, builder)]
         speak = all(receiver.speaks for receiver in self._receivers)
         if came or not speak:
             self.share = max(map(self._judge, WINDOWS_S)) if speak else 0.0

@@ -1,40 +1,70 @@
-"""The newest position fix, and whether a row of them says that the car moves: independent of the wheels."""
+"""The newest position fixes, and how the car moves by them alone: independent of the wheels."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from collections import deque
 
+import numpy as np
+
+from hil_gateway.gateway.perceive.course import FITTED, OLDEST_S, Course, Parabola
+from hil_gateway.gateway.perceive.duration import UNSEEN_S
+from hil_gateway.observer.observer import SLOWEST
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 
 MOVING = 5.0
 """m/s: slower, the way between fixes is no longer than what they may be apart"""
-ROW = 10
-"""fixes (0.5 s) that each lead further on: a jump of the receiver is one, and noise turns back"""
+KEPT_S = 3.0
+"""s: longer than other receivers are late"""
 
 
-@dataclass(slots=True)
 class Fixes:
     """Position in the local map, m, its number and when it came."""
 
-    x: float = 0.0
-    y: float = 0.0
-    seq: int = 0
-    stamp_ns: int = 0
-    _step: tuple[float, float] = (0.0, 0.0)
-    _row: int = 0
+    def __init__(self, noise: float) -> None:
+        """`noise` of a fix, m."""
+        self._noise = noise
+        self.x = self.y = 0.0
+        self.seq = self.stamp_ns = self._row = 0
+        self._step = 0j
+        self._newest: deque[tuple[int, complex]] = deque()
+        """stamp and place: x + i y, m; across a gap there is no line"""
+        self._fit: Parabola | None = None
+        """of time since the newest fix, s"""
 
     def take(self, x: float, y: float, stamp_ns: int) -> None:
         """The next fix."""
-        step = x - self.x, y - self.y
-        same_way = step[0] * self._step[0] + step[1] * self._step[1] > 0
-        onward = math.hypot(*step) * NS_PER_S > MOVING * (stamp_ns - self.stamp_ns)
-        self._row = self._row + 1 if same_way and onward else 0
-        self._step, self.stamp_ns = step, stamp_ns
-        self.x, self.y = x, y
-        self.seq += 1
+        if stamp_ns - self.stamp_ns > UNSEEN_S * NS_PER_S:
+            self._newest.clear()
+        step, least = complex(x - self.x, y - self.y), MOVING * (stamp_ns - self.stamp_ns) / NS_PER_S
+        same_way = (step * self._step.conjugate()).real > 0.0
+        self._row = self._row + 1 if same_way and abs(step) > least else 0
+        self._step, self.x, self.y, self.stamp_ns, self.seq = step, x, y, stamp_ns, self.seq + 1
+        self._newest.append((stamp_ns, complex(x, y)))
+        while self._newest[0][0] < stamp_ns - KEPT_S * NS_PER_S:
+            self._newest.popleft()
+        self._fit = self._fitted()
 
     @property
     def moving(self) -> bool:
-        """Whether the last ones, all of them, say so."""
-        return self._row >= ROW
+        """Whether the last ones each lead further on: a jump of the receiver is one, and noise turns back."""
+        return self._row >= FITTED
+
+    def course(self, now_ns: int) -> Course | None:
+        """At `now_ns`; None where fixes are missing, slow or scattered."""
+        since_s = (now_ns - self.stamp_ns) / NS_PER_S
+        return None if self._fit is None or since_s > OLDEST_S else self._fit.course(since_s)
+
+    def line(self) -> tuple[Array, Array]:
+        """Times (n,), s, and places (n,), x + i y in m."""
+        return np.array([stamp / NS_PER_S for stamp, _ in self._newest]), np.array([place for _, place in self._newest])
+
+    def _fitted(self) -> Parabola | None:
+        newest = list(self._newest)[-FITTED:]
+        places = [place for _, place in newest]
+        times = [(stamp - self.stamp_ns) / NS_PER_S for stamp, _ in newest]
+        if len(times) < FITTED or sorted(set(times)) != times:
+            return None
+        fit = Parabola.fitted(times, places)
+        slow = abs(fit.velocity) < SLOWEST
+        return None if slow or fit.scatter(times, places, self._noise) > 1.0 else fit

@@ -155,36 +155,6 @@ def test_without_a_gyro_the_observer_tells_at_once_what_the_course_does_not_know
     assert reader.motion.yaw_rate == pytest.approx(0.3 * (1.0 - 13 / 38) if known else 0.0, abs=0.05)
 
 
-@pytest.mark.parametrize(("off", "contradicted"), [(0.4, True), (0.1, False)])
-@pytest.mark.parametrize("gyro_off", [0.0, 0.4])
-def test_a_course_that_gyro_wheels_and_steering_contradict_is_that_of_wrong_fixes(
-    off: float, contradicted: bool, gyro_off: float
-) -> None:
-    """Not where the wheels and the steering side with the course, and the gyro does not."""
-    speed, reader = 40.0, made()
-    straight = driving(speed, 0.0, sources=True)
-    run(reader, straight, 3.0, 0, ActuatorPositions(0.0, 0.1, 0.0, 0.0, 4))
-    run(
-        reader,
-        straight.model_copy(update={"yaw_rate": gyro_off}),
-        0.5,
-        3 * 10**9,
-        ActuatorPositions(0.0, 0.1, 0.0, 0.0, 4),
-    )
-    course = Course(0.0, 0.0, 0.0, speed, off if gyro_off == 0.0 else 0.0)
-    assert (reader.contradicts(course) > 1.0) is (contradicted and gyro_off == 0.0)
-    assert reader.contradicts(None) == 0.0
-
-
-@pytest.mark.parametrize("force", [0.0, 16.0])
-def test_a_course_that_the_force_confirms_is_that_of_a_car_that_slides(force: float) -> None:
-    speed, reader, coasts = 40.0, made(), ActuatorPositions(0.0, 0.1, 0.0, 0.0, 4)
-    straight = driving(speed, 0.0, sources=True)
-    now_ns = run(reader, straight, 3.0, 0, coasts)
-    run(reader, straight.model_copy(update={"ay": force}), 0.5, now_ns, coasts)
-    assert (reader.contradicts(Course(0.0, 0.0, 0.0, speed, 0.4)) > 1.0) is (force == 0.0)
-
-
 @pytest.mark.parametrize("steer", [-0.1, 0.1])
 def test_in_a_bend_the_outer_wheels_do_not_make_the_car_faster(steer: float) -> None:
     reader, state = made(), driving(20.0, steer, sources=True)

@@ -25,7 +25,7 @@ FIX_NS = NS_PER_S // 20
 class Reports:
     """What the gateway has received."""
 
-    fixes: Fixes = field(default_factory=Fixes)
+    fixes: Fixes = field(default_factory=lambda: Fixes(0.02))
     values: dict[str, float] = field(default_factory=dict)
     stamps: dict[str, int] = field(default_factory=dict)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections import deque
 from collections.abc import Callable
 
@@ -11,7 +13,7 @@ from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate
-from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose, Reckoned
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.motion import Motion
 
@@ -27,10 +29,12 @@ def judged(
     *, rolling: float = 1.0, stopping: bool = False, slip: float = 0.0,
 ) -> PositionMonitor:  # fmt: skip
     """A car on a straight whose wheels go with `rolling` of its speed, with its nose off by its side `slip` (rad), a
-    fix every 50 ms, of which every thirteenth is late."""
+    fix every 50 ms, of which every thirteenth is late; where its heading is not known it is reckoned to go back."""
     rig = Rig()
     rig.run(0.05)
     state, noise = rig.gateway.seen[0], np.random.default_rng(5)
+    reckoning = DeadReckoning(0.0, 0.02)
+    reckoning.now = Reckoned(Pose(0.0, 0.0, math.pi, speed), 0, by_gyro=True, slips=4.0)
     monitor, x, seq, coming = PositionMonitor(0.02), 0.0, state.position_seq, deque[tuple[float, float]]()
     for tick in range(round(SECONDS / PERIOD_S)):
         t = tick * PERIOD_S
@@ -43,9 +47,13 @@ def judged(
             seq += 1
             place = {"position_x": coming.popleft()[1], "position_y": noise.normal(0.0, 0.02)}
             state = state.model_copy(update={"position_seq": seq, **place})
-        wheels, pose = rolling * now, Pose(x, 0.0, -slip, now, slip) if heading else None
+        wheels, pose = rolling * now, Pose(x, 0.0, -slip, now, slip)
+        now_ns, motion = round(t * 1e9), Motion(speed=wheels)
+        blind = reckoning.carry_on(now_ns, motion)
+        reckoned = Reckoned(pose, now_ns, by_gyro=True) if heading else blind
         state = state.model_copy(update=dict.fromkeys(WHEELS, wheels))
-        monitor.step(round(t * 1e9), state, Motion(speed=wheels), pose, rolls=not stopping)
+        monitor.step(now_ns, state, motion, reckoned, rolls=not stopping)
+        reckoning.step(now_ns, state, motion, None, not monitor.suspect)
     return monitor
 
 
@@ -77,6 +85,18 @@ def test_fixes_where_the_car_cannot_be_are_wrong(speed: float, says: Place) -> N
     assert monitor.source == "they leave the way by wheels and gyro"
 
 
+@pytest.mark.parametrize(("wild_s", "believed"), [(9.90, True), (9.95, False)])
+def test_a_wild_fix_is_not_believed_and_the_next_one_is(wild_s: float, believed: bool) -> None:
+    monitor = judged(60.0, 0.0, lambda t, x: x + 4.0 * (abs(t - wild_s) < 0.02))
+    assert (monitor.fits, monitor.suspect) == (believed, not believed)
+
+
+def test_scatter_within_the_bound_of_a_single_fix_adds_up() -> None:
+    """By 0.6 m, of 0.9 that one may be off at 60 m/s."""
+    sides = itertools.cycle([0.6, -0.6])
+    assert judged(60.0, 0.0, lambda t, x: x + next(sides) * (t > 5.0)).wrong
+
+
 @pytest.mark.parametrize("speed", [0.6, 1.4, 4.0])
 @pytest.mark.parametrize("heading", [True, False])
 def test_a_slow_car_is_where_it_can_have_gone(speed: float, heading: bool) -> None:
@@ -86,15 +106,17 @@ def test_a_slow_car_is_where_it_can_have_gone(speed: float, heading: bool) -> No
 
 def test_fixes_that_stepped_are_believed_again_when_they_fit_a_car_that_stands() -> None:
     """Its wheels show a little more than nothing, as they do."""
-    monitor = judged(0.1, 0.0, lambda t, x: x + 4.0 * (t > 5.0))
-    assert monitor.source == "they leave the way by wheels and gyro"
+    monitor = judged(4.0, 0.0, lambda t, x: x + 4.0 * (t > 5.0))
+    assert monitor.wrong
+    stands = Rig().gateway.builder.build(0, 9, 1, 0).model_copy(update=dict.fromkeys(WHEELS, 0.1))
+    monitor.step(round(SECONDS * 1e9), stands, Motion(speed=0.1), None, rolls=True)
     assert not monitor.wrong
 
 
 def test_wheels_that_lock_in_a_stop_are_no_witness_against_the_fixes() -> None:
     slides = 20.0
-    assert judged(slides, 0.0, lambda t, x: x, rolling=0.2).source
-    assert not judged(slides, 0.0, lambda t, x: x, rolling=0.2, stopping=True).source
+    assert judged(slides, 0.0, lambda t, x: x, heading=False, rolling=0.2).source
+    assert not judged(slides, 0.0, lambda t, x: x, heading=False, rolling=0.2, stopping=True).source
 
 
 def test_fixes_of_a_car_that_stands_may_move() -> None:
