@@ -15,10 +15,10 @@ from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, JITTER_S, SILE
 from hil_gateway.observer.bank import GATE
 from hil_gateway.observer.observer import SLOWEST
 
-FITTED = 8
-"""fixes: 0.35 s at 20 Hz; fewer let noise through, more answer late"""
 COURSE_WINDOW = 38
-"""periods of the gateway: the time the fixes behind a course span, and half a fix"""
+"""periods of the gateway that the fixes behind a course span: fewer let noise through, more answer late"""
+LEAST_FIXES = 4
+"""of a course: one more than a parabola goes through"""
 OLDEST_S = CONTRADICTED_S + SILENT_S
 """age of the newest fix beyond which the course is no longer known: two fixes were lost"""
 WEAVES_M = 0.2

@@ -6,11 +6,12 @@ from collections import deque
 
 import numpy as np
 
-from hil_gateway.gateway.perceive.course import FITTED, OLDEST_S, Course, Parabola
+from hil_gateway.gateway.perceive.course import COURSE_WINDOW, LEAST_FIXES, OLDEST_S, Course, Parabola
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.settings.gateway import PERIOD_S
 
 MOVING = 5.0
 """m/s: slower, the way between fixes is no longer than what they may be apart"""
@@ -29,6 +30,8 @@ class Fixes:
         self._step = 0j
         self._newest: deque[tuple[int, complex]] = deque()
         """stamp and place: x + i y, m; across a gap there is no line"""
+        self._fitting = list(self._newest)
+        """those that a course is fitted to"""
         self._fit: Parabola | None = None
         """of time since the newest fix, s"""
 
@@ -43,12 +46,15 @@ class Fixes:
         self._newest.append((stamp_ns, complex(x, y)))
         while self._newest[0][0] < stamp_ns - KEPT_S * NS_PER_S:
             self._newest.popleft()
-        self._fit = self._fitted()
+        since_ns = stamp_ns - round(COURSE_WINDOW * PERIOD_S * NS_PER_S)
+        within = sum(stamp > since_ns for stamp, _ in self._newest)
+        self._fitting = list(self._newest)[-max(within, LEAST_FIXES) :]
+        self._fit = self._fitted() if within < len(self._newest) else None
 
     @property
     def moving(self) -> bool:
         """Whether the last ones each lead further on: a jump of the receiver is one, and noise turns back."""
-        return self._row >= FITTED
+        return self._row >= len(self._fitting)
 
     def course(self, now_ns: int) -> Course | None:
         """At `now_ns`; None where fixes are missing, slow or scattered."""
@@ -60,10 +66,9 @@ class Fixes:
         return np.array([stamp / NS_PER_S for stamp, _ in self._newest]), np.array([place for _, place in self._newest])
 
     def _fitted(self) -> Parabola | None:
-        newest = list(self._newest)[-FITTED:]
-        places = [place for _, place in newest]
-        times = [(stamp - self.stamp_ns) / NS_PER_S for stamp, _ in newest]
-        if len(times) < FITTED or sorted(set(times)) != times:
+        places = [place for _, place in self._fitting]
+        times = [(stamp - self.stamp_ns) / NS_PER_S for stamp, _ in self._fitting]
+        if len(times) < LEAST_FIXES or sorted(set(times)) != times:
             return None
         fit = Parabola.fitted(times, places)
         slow = abs(fit.velocity) < SLOWEST

@@ -27,13 +27,19 @@ def rig() -> Rig:
 
 
 def circle(
-    seconds: float, noise: float = 0.02, seed: int = 1, lost_from: float = math.inf, speed: float = SPEED
+    seconds: float,
+    *,
+    noise: float = 0.02,
+    seed: int = 1,
+    lost_from: float = math.inf,
+    speed: float = SPEED,
+    every: int = 5,
 ) -> Course | None:
-    """Course after a circle with fixes at 20 Hz; the newest fix is 20 ms old."""
+    """Course after a circle with a fix in `every` so many periods; the newest one of 20 Hz is 20 ms old."""
     rng, fixes, course = np.random.default_rng(seed), Fixes(0.02), None
     for tick in range(1, round(seconds * 100) + 1):
         t = 0.01 * tick
-        if tick % 5 == 3 and t < lost_from:
+        if tick % every == 3 * every // 5 and t < lost_from:
             turned = speed / RADIUS * t
             x, y = RADIUS * math.sin(turned), RADIUS * (1 - math.cos(turned))
             fixes.take(x + noise * rng.standard_normal(), y + noise * rng.standard_normal(), tick * TICK_NS)
@@ -41,9 +47,10 @@ def circle(
     return course
 
 
+@pytest.mark.parametrize("every", [1, 5, 10, 20])
 @pytest.mark.parametrize("seed", range(20))
-def test_the_course_on_a_circle_is_that_of_the_circle(seed):
-    course = circle(2.0, seed=seed)
+def test_the_course_on_a_circle_is_that_of_the_circle(seed, every):
+    course = circle(2.0, seed=seed, every=every)
     assert course is not None
     assert abs(math.remainder(course.course - 2.0 * TURN, 2 * math.pi)) < 0.03
     assert course.speed == pytest.approx(SPEED, abs=1.2)
