@@ -21,6 +21,9 @@ from hil_gateway.process.clock import NS_PER_S
 
 SLIPS = 0.06
 """of the way: side slip beyond what goes with the lateral force; slip of wheels that are driven or braked hard"""
+GUESSED = 4.0
+"""the same where the heading is a guess: a car that goes the other way is two ways off, and fixes half as far off as
+they may be count neither for it nor against it"""
 
 
 class Pose(NamedTuple):
@@ -61,8 +64,7 @@ class Reckoned(NamedTuple):
     way_m: float = 0.0
     """since then"""
     slips: float = SLIPS
-    """share of that way by which it may be off; where the heading is a guess, twice of the two ways that it is off by
-    where it has gone the other way"""
+    """share of that way by which it may be off"""
 
     @property
     def within_m(self) -> float:
@@ -100,7 +102,7 @@ class DeadReckoning:
         if estimate is not None and (self.now is None or estimate.state_stamp_ns != self._answered_ns):
             self._answered_ns, self._fix_seq = estimate.state_stamp_ns, state.position_seq
             pose = Pose(estimate.x, estimate.y, estimate.yaw, estimate.vx, self._slip(motion))
-            slips = SLIPS if estimate.valid else 4.0
+            slips = SLIPS if estimate.valid else GUESSED
             told = Reckoned(pose, self._answered_ns, motion.by_gyro, slips=slips)
             self.now = self._onward(told, now_ns, motion)
         if self.now is not None and believe_fixes and state.position_seq != self._fix_seq:

@@ -22,7 +22,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, NAMED_S
 from hil_gateway.gateway.perceive.frame_counts import FrameCounts, LeakyBucket
 from hil_gateway.gateway.perceive.imu_place import ImuPlace
-from hil_gateway.gateway.perceive.positions.fixes import Fixes
+from hil_gateway.gateway.perceive.positions.fixes import Fixes, latest_s
 from hil_gateway.gateway.perceive.positions.network import NetworkReceivers
 from hil_gateway.gateway.perceive.received import Received, received_messages
 from hil_gateway.process.clock import NS_PER_S
@@ -52,7 +52,7 @@ class VehicleStateBuilder:
         self._actuation = actuation
         self._map = LocalMap(config.origin)
         self._newest: defaultdict[str, float] = defaultdict(float)
-        self.fixes = Fixes(config.placing.noise)
+        self.fixes = Fixes(config.placing.noise, max(latest_s(car, name) for name in car.receivers))
         self.network = NetworkReceivers(config)
         """receivers that place the car in the stead of the one on its bus, where there are any"""
         self._received = received_messages(car, self._newest, self.fixes)

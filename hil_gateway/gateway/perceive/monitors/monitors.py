@@ -68,7 +68,7 @@ class Monitors:
 
     @property
     def fix_fits(self) -> bool:
-        """Whether the newest fix is: one that fits is among others that do not, too, until they are wrong."""
+        """Whether the newest fix is believed: one that fits is, among others that do not, until they are wrong."""
         return self.fixes_fit or (self.position.fits and not self.position.wrong)
 
     @property

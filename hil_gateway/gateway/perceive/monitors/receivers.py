@@ -23,7 +23,7 @@ from hil_gateway.car.car import Car
 from hil_gateway.config import OriginConfig
 from hil_gateway.gateway.perceive.course import OLDEST_S
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, UNSEEN_S, ConditionTime
-from hil_gateway.gateway.perceive.positions.fixes import Fixes
+from hil_gateway.gateway.perceive.positions.fixes import Fixes, latest_s
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.observer.bank import CHANCE, GATE
 from hil_gateway.process.clock import NS_PER_S
@@ -90,7 +90,7 @@ class _Receiver:
         self._latitude, self._longitude = (f"{self._source}.{name}" for name in ("latitude", "longitude"))
         self._wander = self._declared.wander + car.std(f"receiver.{name}.wander")
         self._late = self._declared.delay, car.std(f"receiver.{name}.delay")
-        self.latest_s = self._declared.delay + GATE * car.std(f"receiver.{name}.delay")
+        self.latest_s = latest_s(car, name)
         self._walk = 2.0 * self._wander**2 / self._declared.wander_time
         """m2 that the variance of the offset grows a second, of a receiver that is a deviation worse than declared"""
         self._stamp_ns: int | None = None

@@ -6,8 +6,10 @@ from collections import deque
 
 import numpy as np
 
+from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW, LEAST_FIXES, OLDEST_S, Course, Parabola
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
+from hil_gateway.observer.bank import GATE
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
@@ -15,16 +17,21 @@ from hil_gateway.settings.gateway import PERIOD_S
 
 MOVING = 5.0
 """m/s: slower, the way between fixes is no longer than what they may be apart"""
-KEPT_S = 3.0
-"""s: longer than other receivers are late"""
+
+
+def latest_s(car: Car, receiver: str) -> float:
+    """By how much a receiver on the bus is late at most, s."""
+    return car.receivers[receiver].delay + GATE * car.std(f"receiver.{receiver}.delay")
 
 
 class Fixes:
     """Position in the local map, m, its number and when it came."""
 
-    def __init__(self, noise: float) -> None:
-        """`noise` of a fix, m."""
+    def __init__(self, noise: float, late_s: float = 0.0) -> None:
+        """`noise` of a fix, m; `late_s`: how old the places are at most that are asked for."""
         self._noise = noise
+        self._kept_ns = round((late_s + LEAST_FIXES * UNSEEN_S) * NS_PER_S)
+        """those of a course, as seldom as they may come, before that"""
         self.x = self.y = 0.0
         self.seq = self.stamp_ns = self._row = 0
         self._step = 0j
@@ -44,7 +51,7 @@ class Fixes:
         self._row = self._row + 1 if same_way and abs(step) > least else 0
         self._step, self.x, self.y, self.stamp_ns, self.seq = step, x, y, stamp_ns, self.seq + 1
         self._newest.append((stamp_ns, complex(x, y)))
-        while self._newest[0][0] < stamp_ns - KEPT_S * NS_PER_S:
+        while self._newest[0][0] < stamp_ns - self._kept_ns:
             self._newest.popleft()
         since_ns = stamp_ns - round(COURSE_WINDOW * PERIOD_S * NS_PER_S)
         within = sum(stamp > since_ns for stamp, _ in self._newest)
@@ -54,7 +61,7 @@ class Fixes:
     @property
     def moving(self) -> bool:
         """Whether the last ones each lead further on: a jump of the receiver is one, and noise turns back."""
-        return self._row >= len(self._fitting)
+        return self._row >= max(len(self._fitting), LEAST_FIXES)
 
     def course(self, now_ns: int) -> Course | None:
         """At `now_ns`; None where fixes are missing, slow or scattered."""

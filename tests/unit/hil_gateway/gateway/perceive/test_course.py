@@ -63,6 +63,24 @@ def test_without_recent_fixes_there_is_no_course():
     assert circle(2.0, lost_from=1.8) is None
 
 
+def test_a_car_is_not_seen_to_move_before_there_are_fixes_that_tell():
+    """Else wheels that stand would be called dead."""
+    fixes = Fixes(0.02)
+    seen = [fixes.moving]
+    for tick in range(1, 13):
+        fixes.take(SPEED * 0.05 * tick, 0.0, 5 * tick * TICK_NS)
+        seen.append(fixes.moving)
+    assert seen[-1] and seen.index(True) > 8
+
+
+def test_fixes_are_kept_for_as_long_as_other_receivers_are_late():
+    fixes = Fixes(0.02, late_s=6.0)
+    for tick in range(1, 200):
+        fixes.take(SPEED * 0.05 * tick, 0.0, 5 * tick * TICK_NS)
+    times, _ = fixes.line()
+    assert times[-1] - times[0] > 6.0
+
+
 def test_scattered_fixes_are_no_course():
     assert circle(2.0, noise=1.0) is None
 
