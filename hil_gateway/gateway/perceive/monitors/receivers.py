@@ -43,13 +43,19 @@ Vector = tuple[float, float]
 
 
 def _there(fixes: Fixes, t: float) -> tuple[Vector, Vector] | None:
-    """Place (m) and velocity (m/s) in the map by the fixes at `t` (s); None where none are near."""
+    """Place (m) and velocity (m/s) in the map by the fixes at `t` (s); None where none are near.
+
+    The velocity is less by what noise may make of it: a car that stands would seem to move, and its receivers to be
+    late by what noise says.
+    """
     times, places = fixes.line()
     if not len(times) or t - CHORD_S < times[0] or t > times[-1] + OLDEST_S:
         return None
     later = min(t + CHORD_S, times[-1])
     place, before, after = np.interp([t, later - 2.0 * CHORD_S, later], times, places).tolist()
-    velocity = (after - before) / (2.0 * CHORD_S)
+    way = after - before
+    noise = math.sqrt(2.0) * GATE * fixes.noise
+    velocity = way / (2.0 * CHORD_S) * (1.0 - (noise / max(abs(way), noise)) ** 2)
     return (place.real, place.imag), (velocity.real, velocity.imag)
 
 

@@ -29,7 +29,7 @@ class Fixes:
 
     def __init__(self, noise: float, late_s: float = 0.0) -> None:
         """`noise` of a fix, m; `late_s`: how old the places are at most that are asked for."""
-        self._noise = noise
+        self.noise = noise
         self._kept_ns = round((late_s + LEAST_FIXES * UNSEEN_S) * NS_PER_S)
         """those of a course, as seldom as they may come, before that"""
         self.x = self.y = 0.0
@@ -79,4 +79,4 @@ class Fixes:
             return None
         fit = Parabola.fitted(times, places)
         slow = abs(fit.velocity) < SLOWEST
-        return None if slow or fit.scatter(times, places, self._noise) > 1.0 else fit
+        return None if slow or fit.scatter(times, places, self.noise) > 1.0 else fit

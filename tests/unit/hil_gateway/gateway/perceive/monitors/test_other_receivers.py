@@ -51,19 +51,20 @@ def noticed_s(
     along: float = 0.0,
     asleep_s: float = 0.0,
     second_from_s: float = 0.0,
+    stands_s: float = 5.0,
 ) -> float | None:
     """Time until a drift outwards and `along` the way (m/s), which begins half way, is noticed in laps of a circle;
     None: never.
 
     From `lost_s` on the receivers repeat their last reading. A fifth of the way through, gateway and car sleep for
-    `asleep_s`. The second of them is heard from `second_from_s` on.
+    `asleep_s`. The second of them is heard from `second_from_s` on. The car stands for `stands_s` at first.
     """
     at_speed, radius = bend
     noise, place = Noise(seed), {"x": radius, "y": 0.0}
     receivers = {name: StandaloneReceiver(place, ORIGIN, noise) for name in heard}
     reports, others, way = Reports(), OtherReceivers(CAR, ORIGIN), 0.0
     for tick in range(round(20 * seconds)):
-        now_ns, speed = tick * FIX_NS, min(max(0.5 * (tick - 100), 0.0), at_speed)
+        now_ns, speed = tick * FIX_NS, min(max(0.5 * (tick - 20 * stands_s), 0.0), at_speed)
         now_ns += round(asleep_s * NS_PER_S) if tick > 4 * seconds else 0
         way += 0.05 * speed / radius
         place["x"], place["y"] = radius * math.cos(way), radius * math.sin(way)
@@ -84,6 +85,12 @@ def noticed_s(
         if held_s > CONTRADICTED_S:
             return since_s
     return None
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_car_that_has_stood_for_long_drives_off_without_a_drift(seed: int) -> None:
+    """Noise of the fixes of a car that stands says nothing of how late receivers are."""
+    assert noticed_s(110.0, 0.0, BOTH, seed, stands_s=95.0) is None
 
 
 @pytest.mark.parametrize("seed", range(5))
