@@ -70,7 +70,8 @@ class _StandingSteering:
 
 
 class FollowingMonitor:
-    """Reported positions within the commands of a window; reports that are invalid say nothing of actuators."""
+    """Reported positions within the commands of a window, and moving with them; reports that are invalid say nothing of
+    actuators."""
 
     def __init__(self, car: Car) -> None:
         self._of = SteeringReports(car)
@@ -81,9 +82,11 @@ class FollowingMonitor:
         self._standing = _StandingSteering(self._of)
         self._steering, self._pedals = ConditionTime(), ConditionTime()
 
-    def step(self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None) -> tuple[float, float]:
+    def step(
+        self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None, against: bool
+    ) -> tuple[float, float]:
         """How long what steering and pedals report has been outside of their commands, s. `commanded` is what stands on
-        the wire; None while nothing is sent or the car does not obey."""
+        the wire; None while nothing is sent or the car does not obey. Whether the steering moves `against` it."""
         if commanded is None:
             self._commands.clear()
             self._standing = _StandingSteering(self._of)
@@ -94,7 +97,7 @@ class FollowingMonitor:
         self.obeyed = self._commands if full else ()
         motor = state.steer * self._of.ratio
         steers = full and state.sources["steering"].valid
-        steers = steers and (self._outside(motor, "steering_motor", self._of.apart) or self._standing.found)
+        steers = steers and (against or self._standing.found or self._outside(motor, "steering_motor", self._of.apart))
         pedals = full and state.sources["pedals"].valid
         pedals = pedals and (
             self._outside(state.brake_front, "brake_front", self._brakes)
@@ -126,19 +129,21 @@ class ReversedMonitor:
     """Steering that goes to the other side than its command: the sensor says so, and the car turns that way.
 
     Steering that is late or stuck never moves away from its command, and a sensor with a wrong sign is contradicted
-    by the gyro.
+    by the gyro, which is not judged by it: it moves `against` its command.
     """
 
     def __init__(self, car: Car) -> None:
         self._vehicle, self._grip, self._of = car.vehicle, car.least_grip, SteeringReports(car)
         self._reported: deque[float] = deque(maxlen=self._of.window)
         self._asked: deque[float] = deque(maxlen=self._of.window)
+        self.against = False
+        """whether what is reported lies on the other side and moves to it as the command moves"""
         self.found = False
         """until the car stands"""
 
     def step(self, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> None:
         """`commanded` stands on the wire, None while the car does not obey; once a period."""
-        self.found = self.found and speed > 0.0
+        self.against, self.found = False, self.found and speed > 0.0
         if commanded is None:
             self._asked.clear()
             self._reported.clear()
@@ -147,6 +152,7 @@ class ReversedMonitor:
         self._asked.append(commanded.steering_motor)
         self._reported.append(motor)
         side = 1.0 if commanded.steering_motor > 0.0 else -1.0
+        self.against = side * motor < 0.0 and self._moves_against()
         if side * motor < 0.0 and speed > SLOWEST and state.sources["imu"].valid:
             asked, apart = list(self._asked), self._of.apart
             newest = asked[-self._of.answer :]
@@ -154,7 +160,7 @@ class ReversedMonitor:
             mirrored = min(newest) - apart < -motor < max(newest) + apart
             turns = -side * state.yaw_rate > self._least_turn(state.steer, speed)
             went = side * (self._reported[0] - motor) > apart
-            self.found = self.found or (outside and mirrored and turns and (went or self._moves_against()))
+            self.found = self.found or (outside and mirrored and turns and (went or self.against))
 
     def _least_turn(self, steer: float, speed: float) -> float:
         """Yaw rate that an angle comes to at least, rad/s: no tyres turn a car by more than they grip."""
@@ -162,10 +168,14 @@ class ReversedMonitor:
         return min(by_angle, self._grip * self._vehicle.pressed(speed) / speed)
 
     def _moves_against(self) -> bool:
-        """Whether it goes to the other side as its command moves, however slowly, and does not only stand there."""
-        late, full = self._of.late, len(self._asked) == self._of.window
+        """Whether it goes to the other side as its command moves, however slowly, and neither stands there nor seems to
+        move by the noise of its sensor."""
+        if len(self._asked) < self._of.window:
+            return False
+        late = self._of.late
         asked, reported = np.array(self._asked)[:-late], np.array(self._reported)[late:]
-        return full and asked.std() > self._of.still and moved_share(reported, asked) < -MOVED_SHARE
+        by_noise = GATE * self._of.still / math.sqrt(len(asked))
+        return bool((moved_share(reported, asked) + MOVED_SHARE) * asked.std() < -by_noise)
 
 
 class AccelerationMonitor:
