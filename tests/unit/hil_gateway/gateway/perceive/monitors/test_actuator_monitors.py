@@ -130,11 +130,13 @@ def noticed_s(reported: Motor) -> float:
     """Time from when a slow bend begins (10 deg/s at the motor, up to 7 deg) until the steering counts as stuck."""
     rig = Rig()
     rig.run(0.05)
-    state, monitor = rig.gateway.seen[0], FollowingMonitor(load_car())
+    state, monitor, side = rig.gateway.seen[0], FollowingMonitor(load_car()), ReversedMonitor(load_car())
     for tick in range(-100, 200):
         commanded = ActuatorPositions(bend(tick), 0.0, 0.0, 0.0, 6)
         steer = round(reported(tick) / STEP_RAD) * STEP_RAD / CAR.steering_ratio
-        held_s, _ = monitor.step((tick + 101) * 10_000_000, state.model_copy(update={"steer": steer}), commanded)
+        now = state.model_copy(update={"steer": steer})
+        side.step(now, SPEED, commanded)
+        held_s, _ = monitor.step((tick + 101) * 10_000_000, now, commanded, side.against)
         if held_s > 0.0:
             return 0.01 * tick
     return math.inf
@@ -150,6 +152,10 @@ def bend(tick: int) -> float:
 
 def test_steering_that_stands_still_in_a_slow_bend_is_noticed_within_half_a_second() -> None:
     assert noticed_s(lambda tick: 0.0) <= 0.5
+
+
+def test_a_steering_report_that_moves_against_its_command_in_a_slow_bend_is_noticed() -> None:
+    assert noticed_s(lambda tick: -bend(tick - LATE)) <= 0.7
 
 
 @pytest.mark.parametrize("offset_deg", [-5.0, 0.0, 5.0])
