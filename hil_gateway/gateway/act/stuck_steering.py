@@ -19,7 +19,7 @@ from hil_gateway.gateway.act.stop_path import CLEAR
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, SteeringReports, moved_share
 from hil_gateway.gateway.perceive.monitors.road import BEYOND, NEAR
-from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.motion import Motion, turned_share
 from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
 from hil_gateway.track.track import Track
@@ -62,7 +62,7 @@ class StuckSteering:
         """Road-wheel angles of a period, rad; in every period, so that a stop begins with what is known."""
         self._angles.append((reported, asked))
         due = self._angles[max(len(self._angles) - self._of.late, 0)][1]
-        share = PERIOD_S / (PERIOD_S + self._turns_in_s * motion.speed)
+        share = turned_share(self._turns_in_s, PERIOD_S, motion.speed)
         self._reported += share * (reported - self._reported)
         self._asked += share * (due - self._asked)
         self._compare(motion)

@@ -41,6 +41,12 @@ def periods_late(car: Car) -> int:
     return 1 + round(car.actuators.steering_late / PERIOD_S)
 
 
+def turned_share(turns_in_s: float, dt: float, speed: float) -> float:
+    """Share of a change of the steering that the yaw rate has followed after `dt` (s) at `speed` (m/s) in a car with
+    this `Car.turns_in_s`."""
+    return dt / (dt + turns_in_s * speed + 1e-9)
+
+
 class Motion(NamedTuple):
     """Speed (m/s, forward), yaw rate (rad/s, left), lateral specific force (m/s2, left); none from a source that is
     invalid."""
@@ -136,8 +142,7 @@ class MotionReader:
         self._observe(state, speed, rolled, acts)
         if self._gyro(state) and self._wheels(state) and speed > SLOWEST:
             self._learn(state, speed, acts)
-        share = dt / (dt + self._turns_in_s * speed + 1e-9)
-        self._steered += share * (self._turn_of(acts, speed) - self._steered)
+        self._steered += turned_share(self._turns_in_s, dt, speed) * (self._turn_of(acts, speed) - self._steered)
         return self._move(state, speed, course)
 
     def again(self, state: VehicleState, course: Course | None) -> Motion:

@@ -12,11 +12,12 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
-from hil_gateway.gateway.perceive.motion import BRAKED, UNDERSTEER_MOST, periods_late
+from hil_gateway.gateway.perceive.motion import BRAKED, UNDERSTEER_MOST, periods_late, turned_share
 from hil_gateway.observer.bank import GATE
 from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
+from hil_gateway.settings.gateway import PERIOD_S
 
 ANSWER, WINDOW = 2, 4
 """times delay, lag and report of the steering within which it need not have answered yet; and of whose commands one
@@ -134,6 +135,8 @@ class ReversedMonitor:
 
     def __init__(self, car: Car) -> None:
         self._vehicle, self._grip, self._of = car.vehicle, car.least_grip, SteeringReports(car)
+        self._turns_in_s, self._turned = car.turns_in_s, 0.0
+        """reported road-wheel angle that the car has had the time to turn with, rad"""
         self._reported: deque[float] = deque(maxlen=self._of.window)
         self._asked: deque[float] = deque(maxlen=self._of.window)
         self.against = False
@@ -144,6 +147,7 @@ class ReversedMonitor:
     def step(self, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> None:
         """`commanded` stands on the wire, None while the car does not obey; once a period."""
         self.against, self.found = False, self.found and speed > 0.0
+        self._turned += turned_share(self._turns_in_s, PERIOD_S, speed) * (state.steer - self._turned)
         if commanded is None:
             self._asked.clear()
             self._reported.clear()
@@ -158,13 +162,13 @@ class ReversedMonitor:
             newest = asked[-self._of.answer :]
             outside = not min(asked) - apart <= motor <= max(asked) + apart
             mirrored = min(newest) - apart < -motor < max(newest) + apart
-            turns = -side * state.yaw_rate > self._least_turn(state.steer, speed)
+            turns = -side * state.yaw_rate > self._least_turn(-side * self._turned, speed)
             went = side * (self._reported[0] - motor) > apart
             self.found = self.found or (outside and mirrored and turns and (went or self.against))
 
     def _least_turn(self, steer: float, speed: float) -> float:
         """Yaw rate that an angle comes to at least, rad/s: no tyres turn a car by more than they grip."""
-        by_angle = abs(math.tan(steer)) * self._vehicle.turns(speed, UNDERSTEER_MOST)
+        by_angle = max(math.tan(steer), 0.0) * self._vehicle.turns(speed, UNDERSTEER_MOST)
         return min(by_angle, self._grip * self._vehicle.pressed(speed) / speed)
 
     def _moves_against(self) -> bool:

@@ -45,7 +45,8 @@ class PositionMonitor:
         in the last `UNSEEN_S`"""
         self.fits = True
         """whether the newest fix is where it may be"""
-        self.wrong = False
+        self.wrong = self.elsewhere = False
+        """whether they are; and whether they lay too far ahead or behind: wheels say so, and no gyro explains it"""
         self.source = ""
         """what found it first, in words"""
         self._answering, self._estimated = ConditionTime(), False
@@ -86,25 +87,30 @@ class PositionMonitor:
         if reckoned is None or stands or not (rolls or self._moves):
             self.lost_s, self._level, self._fix_ns, self._mean = 0.0, 0.0, now_ns, 0j
             if motion.speed < AT_REST or (rolls and stands):
-                self.wrong = False
+                self.wrong = self.elsewhere = False
             return
         if came:
             since_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
             self._fix_ns = now_ns
-            self._count(self._off(state.position_x, state.position_y, reckoned, since_s))
+            self._count(*self._off(state.position_x, state.position_y, reckoned, since_s))
         self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
 
-    def _count(self, off: float) -> None:
+    def _count(self, along: float, across: float) -> None:
         """A fix that is so far off, over what it may be."""
+        off = max(along, across)
         self.fits = off <= 1.0
         self._level = min(max(self._level + (1.0 if off > 1.0 else off**2 - 1.0 / WRONG), 0.0), WRONG)
+        if self._level >= WRONG and not self.wrong:
+            self.elsewhere = along > 1.0
         self._note(self._level >= WRONG, "they leave the way by wheels and gyro")
 
-    def _off(self, x: float, y: float, reckoned: Reckoned, since_s: float) -> float:
-        """Of a fix, over what it may be; the one before came so long ago."""
+    def _off(self, x: float, y: float, reckoned: Reckoned, since_s: float) -> tuple[float, float]:
+        """Of a fix along and across the way, over what it may be; the one before came so long ago."""
         (along, across), most = reckoned.pose.offset(x, y), self._tolerance + reckoned.within_m
         share = complex(along, across) / max(since_s * reckoned.pose.speed, self._tolerance)
         self._mean += min(since_s / UNSEEN_S, 1.0) * (share / max(abs(share), 1.0) - self._mean)
-        if abs(self._mean) > max(SHARE, reckoned.slips):
-            return math.inf
-        return max(abs(along) / (most + PERIOD_S * reckoned.pose.speed), abs(across) / most)
+        mean_most = max(SHARE, reckoned.slips)
+        return (
+            math.inf if abs(self._mean.real) > mean_most else abs(along) / (most + PERIOD_S * reckoned.pose.speed),
+            math.inf if abs(self._mean) > mean_most else abs(across) / most,
+        )

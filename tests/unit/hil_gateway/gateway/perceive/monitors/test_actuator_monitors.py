@@ -62,9 +62,9 @@ def hairpin(tick: int) -> float:
     return min(max(0.04 * tick, 0.0), 4.0)
 
 
-def finds(reported: Motor, turned: Motor, asked: Motor = chicane, behind: int = 0) -> bool:
-    """`reported` and true angle of the motor; the yaw rate is that of a car that understeers by half, at most what the
-    declared tyres hold, and so many periods later."""
+def found_after(reported: Motor, turned: Motor, asked: Motor = chicane, behind: int = 0) -> float:
+    """Periods until it is found. `reported` and true angle of the motor; the yaw rate is that of a car that understeers
+    by half, at most what the declared tyres hold, and so many periods later."""
     most = CAR.pressed(SPEED) * load_car().tyres.grip / SPEED
     rig = Rig()
     rig.run(0.05)
@@ -74,7 +74,13 @@ def finds(reported: Motor, turned: Motor, asked: Motor = chicane, behind: int = 
         yaw_rate = min(max(0.5 * SPEED * math.tan(true) / CAR.wheelbase, -most), most)
         commanded = ActuatorPositions(asked(tick), 0.0, 0.0, 0.0, 3)
         monitor.step(state.model_copy(update={"steer": steer, "yaw_rate": yaw_rate}), SPEED, commanded)
-    return monitor.found
+        if monitor.found:
+            return tick
+    return math.inf
+
+
+def finds(reported: Motor, turned: Motor, asked: Motor = chicane, behind: int = 0) -> bool:
+    return found_after(reported, turned, asked, behind) < math.inf
 
 
 def test_reversed_steering_is_told() -> None:
@@ -92,6 +98,13 @@ def test_reversed_steering_is_told_beyond_what_the_tyres_follow() -> None:
 
     assert finds(reverse, reverse, hairpin, behind=30)
     assert not finds(reverse, lambda tick: hairpin(tick - LATE), hairpin, behind=30)
+
+
+def test_reversed_steering_is_told_while_the_car_begins_to_turn() -> None:
+    def reverse(tick: int) -> float:
+        return -hairpin(tick - LATE)
+
+    assert found_after(reverse, reverse, hairpin, behind=6) < 25
 
 
 @pytest.mark.parametrize("turned", [late, slow, stuck])
