@@ -33,6 +33,11 @@ FILTERS = 3
 """one with all sources, two without the IMU"""
 
 
+def _unlikely(off: float) -> float:
+    """Negative log-likelihood of a reading that is so many deviations off; one that is not taken in counts as that."""
+    return 0.5 * min(off**2, GATE**2)
+
+
 class FilterLane:
     """One filter of a bank: views of its part of the arrays of all."""
 
@@ -45,11 +50,13 @@ class FilterLane:
         """what the measurements show beyond what is predicted, in deviations"""
         self.fit = fit[:, i].data
         """chi-square of what the IMU shows"""
-        self.age_s = 0.0
+        self.age_s = self.gains = 0.0
+        """since it was begun; and the logarithm of how much likelier all but the IMU are since then by the filter with
+        all sources"""
 
     def renew(self, other: FilterLane) -> None:
         """Go on from where another one is."""
-        self.mean[:], self.covariance[:], self.age_s = other.mean, other.covariance, 0.0
+        self.mean[:], self.covariance[:], self.age_s, self.gains = other.mean, other.covariance, 0.0, 0.0
 
 
 class Bank:
@@ -95,8 +102,11 @@ class Bank:
         self._function()
         for before, after in zip(self._before, self._after, strict=True):
             before[:] = after
+        main = self.main.off
         for lane in self._lanes:
             lane.age_s += period[0]
+            pairs = zip(lane.off, main, others, strict=False)  # without the IMU's
+            lane.gains += sum([_unlikely(own) - _unlikely(off) for own, off, used in pairs if used])
 
     def renew(self) -> None:
         """The IMU fits: what does without it may begin anew, when it is its turn."""

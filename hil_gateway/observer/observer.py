@@ -122,6 +122,13 @@ class Observer:
             self._judge(wheels, imu)
 
     @property
+    def _imu_explains(self) -> bool:
+        """Whether it is the model of the tyres that is off, as in a slide: with the IMU all fits, and what the others show
+        fits better than without it."""
+        gains = self._lateral.without.gains + self._longitudinal.without.gains
+        return gains > 0.0 and self._lateral.main.fit[0] + self._longitudinal.main.fit[0] < DOUBTED
+
+    @property
     def _steer_rate(self) -> float:
         """Over the time by which the wheels may be late, rad/s."""
         steered = self._steered
@@ -131,9 +138,9 @@ class Observer:
         """The IMU where those that judge it agree; the wheels by all the others."""
         front, rear, *_ = self._lateral.without.off
         agree = imu and (not wheels or max(abs(front), abs(rear)) < GATE)
-        fits = self._lateral.without.fit[0] + self._longitudinal.without.fit[0]
-        self.imu_off = fits / BOUND if agree else 0.0
-        if imu and self.imu_off * BOUND < DOUBTED:
+        off = self._lateral.without.fit[0] + self._longitudinal.without.fit[0] if agree else 0.0
+        self.imu_off = 0.0 if self._imu_explains else off / BOUND
+        if imu and off < DOUBTED:
             self._lateral.renew()
             self._longitudinal.renew()
         if wheels:
