@@ -123,8 +123,7 @@ class Observer:
 
     @property
     def _imu_explains(self) -> bool:
-        """Whether it is the model of the tyres that is off, as in a slide: with the IMU all fits, and what the others show
-        fits better than without it."""
+        """Whether the model of the tyres is off, as in a slide: with the IMU all fits, and the wheels fit better."""
         gains = self._lateral.without.gains + self._longitudinal.without.gains
         return gains > 0.0 and self._lateral.main.fit[0] + self._longitudinal.main.fit[0] < DOUBTED
 

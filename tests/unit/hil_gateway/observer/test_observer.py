@@ -127,6 +127,18 @@ def test_a_tyre_is_as_stiff_as_it_is_on_average_where_its_slip_may_be(mean: floa
     assert rest == pytest.approx(math.sqrt(sum(e**2 for e in off) / len(off)), abs=0.07)
 
 
+@pytest.mark.parametrize(("wheels_tell", "blamed"), [(True, False), (False, True)])
+def test_a_car_that_slides_as_its_wheels_and_its_gyro_say_has_a_sound_imu(
+    state: VehicleState, wheels_tell: bool, blamed: bool
+) -> None:
+    """Rear tyres that hold a third less than they did; where no wheels report, no one tells a slide from a fault."""
+    sources = state.sources | {"wheel_speeds": replace(state.sources["wheel_speeds"], valid=wheels_tell)}
+    drive = Drive(state.model_copy(update={"sources": sources}))
+    drive.run(12.0)
+    drive.stiffer = 1.0, 0.7
+    assert (drive.run(1.2)[0] > 1.0) is blamed
+
+
 @pytest.mark.parametrize("beyond", [-0.1, 0.0, 0.1])
 def test_the_balance_of_the_brakes_is_learnt_from_how_the_car_turns(state: VehicleState, beyond: float) -> None:
     """Tyres that brake hold less across, tyres that carry more hold more."""
