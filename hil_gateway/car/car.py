@@ -144,11 +144,6 @@ class Car(Model):
         return 2.0 * self.relative_std("tyres.grip")
 
     @property
-    def least_grip(self) -> float:
-        """Friction that hardly any tyres fall short of."""
-        return (1.0 - self.grip_spread) * self.tyres.grip
-
-    @property
     def most_grip(self) -> float:
         """Friction that hardly any tyres exceed."""
         return (1.0 + self.grip_spread) * self.tyres.grip

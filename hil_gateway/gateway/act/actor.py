@@ -162,7 +162,7 @@ class Actor:
         """Road-wheel angle (rad) and slip-ratio drive command of a stop."""
         cause, motion, pose = now.decision.failsafe.cause, now.motion, now.pose
         emergency = now.decision.action is FailsafeAction.EMERGENCY_STOP or cause in HARD
-        steers = cause != "steering_stuck" or now.steering_reversed or self._stuck.steers(motion)
+        steers = cause != "steering_stuck" or now.steering_reversed or self._stuck.steers()
         held = not steers and self._stuck.stands
         steer, drive = self.stopping.command(motion, pose, emergency, not held, brakes=cause not in UNBRAKED)
         if not steers:

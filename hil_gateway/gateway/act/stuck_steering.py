@@ -17,11 +17,10 @@ import numpy as np
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.act.stop_path import CLEAR
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, SteeringReports, moved_share
+from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, SteeringReports, SteeringTurns, moved_share
 from hil_gateway.gateway.perceive.monitors.road import BEYOND, NEAR
-from hil_gateway.gateway.perceive.motion import Motion, turned_share
-from hil_gateway.observer.numbers import sound_imu_within
-from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
+from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.settings.gateway import StopConfig, beside
 from hil_gateway.track.track import Track
 
 STEP_S = 0.1
@@ -34,21 +33,12 @@ class StuckSteering:
 
     def __init__(self, car: Car, config: StopConfig, track: Track | None) -> None:
         self._vehicle, self._track = car.vehicle, track
-        self._of, self._turns_in_s = SteeringReports(car), car.turns_in_s
-        self._judged_s = car.actuators.steering_late
-        """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
-        self._apart = 2.0 * sound_imu_within(car)[0]
-        """rad/s by which one of the angles must explain the yaw rate better than the other: either may be off by as
-        much as a sound gyro"""
+        self._of, self._turns = SteeringReports(car), SteeringTurns(car)
         self._grip = partial(config.grip, car.vehicle)
         self._sliding = math.sin(0.5 * math.pi * car.tyres.c)
         """of the grip that tyres have when they slide: where their curve sin(c atan(b s)) ends"""
         self._angles: deque[tuple[float, float]] = deque(maxlen=self._of.window)
         """reported and asked, rad at the road wheel"""
-        self._reported = self._asked = 0.0
-        """that the car has had the time to turn with, rad"""
-        self._reported_off = self._asked_off = 0.0
-        """of the yaw rate from what the reported and the commanded angle come to, lately, rad/s"""
         self.stands = False
         """whether the car turns by the angle that is reported, which does not move as it is asked to: steering that is
         reversed or slow does move"""
@@ -61,13 +51,9 @@ class StuckSteering:
     def watch(self, reported: float, asked: float, motion: Motion) -> None:
         """Road-wheel angles of a period, rad; in every period, so that a stop begins with what is known."""
         self._angles.append((reported, asked))
-        due = self._angles[max(len(self._angles) - self._of.late, 0)][1]
-        share = turned_share(self._turns_in_s, PERIOD_S, motion.speed)
-        self._reported += share * (reported - self._reported)
-        self._asked += share * (due - self._asked)
-        self._compare(motion)
+        self._turns.step(reported, asked, motion)
 
-    def steers(self, motion: Motion) -> bool:
+    def steers(self) -> bool:
         """Whether the steering works after all, and only its report is wrong; once a period of a stop.
 
         A report that moves as the command does comes from steering that moves, whatever its offset; and one that hangs
@@ -77,10 +63,9 @@ class StuckSteering:
         due = asked[: -self._of.late]
         if due.size and due.std() > 0.5 * self._of.asked / self._of.ratio:  # as one that moves beyond play and noise
             self._moves = moved_share(reported[self._of.late :], due) > MOVED_SHARE
-        answers = self._moves or (motion.by_gyro and self._asked_off + self._apart < self._reported_off)
+        answers = self._moves or self._turns.as_asked
         still = bool(reported.std() < MOVED_SHARE * asked.std())
-        turns_as_reported = motion.by_gyro and self._reported_off + self._apart < self._asked_off
-        self.stands = not answers and (self.stands or (still and turns_as_reported))
+        self.stands = not answers and (self.stands or (still and self._turns.as_reported))
         return not self._locks and answers
 
     def locks(self, motion: Motion, pose: Pose | None) -> bool:
@@ -90,20 +75,6 @@ class StuckSteering:
             best = max(margins) == margins[0]
             self._locks = best and margins[-1] < CLEAR and margins[0] > margins[-1] + BEYOND
         return self._locks
-
-    def _compare(self, motion: Motion) -> None:
-        """The car's yaw rate with what the reported and the commanded angle come to by now: a stop begins with a
-        command that jumps, and a car that obeys it is not stuck because it has not turned yet.
-
-        An angle comes to r = v (tan(delta) - K a_y) / L, and by a change of it the yaw rate changes by v / (L + K v^2);
-        the force that is felt tells the understeer K on a bank, too.
-        """
-        share, speed = PERIOD_S / (self._judged_s + PERIOD_S), max(motion.speed, 1.0)
-        reported, asked = math.tan(self._reported), math.tan(self._asked)
-        gain = self._vehicle.turns(motion.speed, motion.understeer)
-        shown = self._vehicle.wheelbase * motion.yaw_rate / speed + motion.understeer * motion.ay
-        self._reported_off += share * (gain * abs(shown - reported) - self._reported_off)
-        self._asked_off += share * (gain * abs(shown - asked) - self._asked_off)
 
     def _margin(self, track: Track, pose: Pose, understeer: float, slides_after_s: float) -> float:
         """Least distance of a wheel to the edge until the car stands, m, negative off the road: rolling on along an arc

@@ -12,7 +12,7 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
-from hil_gateway.gateway.perceive.motion import BRAKED, UNDERSTEER_MOST, periods_late, turned_share
+from hil_gateway.gateway.perceive.motion import BRAKED, Motion, periods_late, turned_share
 from hil_gateway.observer.bank import GATE
 from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.observer.observer import SLOWEST
@@ -126,6 +126,52 @@ def moved_share(done: Array, asked: Array) -> float:
     return float(np.mean((asked - asked.mean()) * (done - done.mean())) / least_squares) if least_squares else 0.0
 
 
+class SteeringTurns:
+    """Whether the car turns by the angle that its steering reports, or by the one that it is asked for.
+
+    An angle comes to r = v (tan(delta) - K a_y) / L, and by a change of it the yaw rate changes by v / (L + K v^2);
+    the force that is felt tells the understeer K on a bank, too.
+    """
+
+    def __init__(self, car: Car) -> None:
+        self._vehicle, self._turns_in_s = car.vehicle, car.turns_in_s
+        self._judged_s = car.actuators.steering_late
+        """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
+        self._apart = 2.0 * sound_imu_within(car)[0]
+        """rad/s by which one of the angles must explain the yaw rate better than the other: either may be off by as
+        much as a sound gyro"""
+        self._asked_lately: deque[float] = deque(maxlen=periods_late(car) + 1)
+        self._reported = self._asked = 0.0
+        """that the car has had the time to turn with, rad"""
+        self._reported_off = self._asked_off = 0.0
+        """of the yaw rate from what the angles come to, lately, rad/s"""
+        self._tells = False
+
+    def step(self, reported: float, asked: float, motion: Motion) -> None:
+        """Road-wheel angles of a period, rad. A stop begins with a command that jumps, and a car that obeys it is not
+        stuck because it has not turned yet."""
+        self._asked_lately.append(asked)
+        share, speed = turned_share(self._turns_in_s, PERIOD_S, motion.speed), max(motion.speed, 1.0)
+        self._reported += share * (reported - self._reported)
+        self._asked += share * (self._asked_lately[0] - self._asked)
+        gain = self._vehicle.turns(motion.speed, motion.understeer)
+        shown = self._vehicle.wheelbase * motion.yaw_rate / speed + motion.understeer * motion.ay
+        lately = PERIOD_S / (self._judged_s + PERIOD_S)
+        self._reported_off += lately * (gain * abs(shown - math.tan(self._reported)) - self._reported_off)
+        self._asked_off += lately * (gain * abs(shown - math.tan(self._asked)) - self._asked_off)
+        self._tells = motion.by_gyro
+
+    @property
+    def as_reported(self) -> bool:
+        """Whether the reported angle explains the yaw rate better."""
+        return self._tells and self._reported_off + self._apart < self._asked_off
+
+    @property
+    def as_asked(self) -> bool:
+        """Whether the commanded one does."""
+        return self._tells and self._asked_off + self._apart < self._reported_off
+
+
 class ReversedMonitor:
     """Steering that goes to the other side than its command: the sensor says so, and the car turns that way.
 
@@ -134,9 +180,7 @@ class ReversedMonitor:
     """
 
     def __init__(self, car: Car) -> None:
-        self._vehicle, self._grip, self._of = car.vehicle, car.least_grip, SteeringReports(car)
-        self._turns_in_s, self._turned = car.turns_in_s, 0.0
-        """reported road-wheel angle that the car has had the time to turn with, rad"""
+        self._of, self._turns = SteeringReports(car), SteeringTurns(car)
         self._reported: deque[float] = deque(maxlen=self._of.window)
         self._asked: deque[float] = deque(maxlen=self._of.window)
         self.against = False
@@ -144,32 +188,29 @@ class ReversedMonitor:
         self.found = False
         """until the car stands"""
 
-    def step(self, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> None:
+    def step(self, state: VehicleState, motion: Motion, commanded: ActuatorPositions | None) -> None:
         """`commanded` stands on the wire, None while the car does not obey; once a period."""
-        self.against, self.found = False, self.found and speed > 0.0
-        self._turned += turned_share(self._turns_in_s, PERIOD_S, speed) * (state.steer - self._turned)
+        self.against, self.found = False, self.found and motion.speed > 0.0
         if commanded is None:
             self._asked.clear()
             self._reported.clear()
             return
-        motor = state.steer * self._vehicle.steering_ratio
-        self._asked.append(commanded.steering_motor)
+        motor, asked = state.steer * self._of.ratio, commanded.steering_motor
+        self._turns.step(state.steer, asked / self._of.ratio, motion)
+        self._asked.append(asked)
         self._reported.append(motor)
-        side = 1.0 if commanded.steering_motor > 0.0 else -1.0
-        self.against = side * motor < 0.0 and self._moves_against()
-        if side * motor < 0.0 and speed > SLOWEST and state.sources["imu"].valid:
-            asked, apart = list(self._asked), self._of.apart
-            newest = asked[-self._of.answer :]
-            outside = not min(asked) - apart <= motor <= max(asked) + apart
-            mirrored = min(newest) - apart < -motor < max(newest) + apart
-            turns = -side * state.yaw_rate > self._least_turn(-side * self._turned, speed)
-            went = side * (self._reported[0] - motor) > apart
-            self.found = self.found or (outside and mirrored and turns and (went or self.against))
+        if asked * motor < 0.0:
+            self.against = self._moves_against()
+            turns = motion.speed > SLOWEST and self._turns.as_reported
+            self.found = self.found or (turns and self._mirrors(math.copysign(1.0, asked), motor))
 
-    def _least_turn(self, steer: float, speed: float) -> float:
-        """Yaw rate that an angle comes to at least, rad/s: no tyres turn a car by more than they grip."""
-        by_angle = max(math.tan(steer), 0.0) * self._vehicle.turns(speed, UNDERSTEER_MOST)
-        return min(by_angle, self._grip * self._vehicle.pressed(speed) / speed)
+    def _mirrors(self, side: float, motor: float) -> bool:
+        """Whether it has gone to where its command would be on the other side."""
+        asked, apart = list(self._asked), self._of.apart
+        newest = asked[-self._of.answer :]
+        outside = not min(asked) - apart <= motor <= max(asked) + apart
+        mirrored = min(newest) - apart < -motor < max(newest) + apart
+        return outside and mirrored and (self.against or side * (self._reported[0] - motor) > apart)
 
     def _moves_against(self) -> bool:
         """Whether it goes to the other side as its command moves, however slowly, and neither stands there nor seems to

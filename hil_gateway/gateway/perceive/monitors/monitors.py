@@ -119,7 +119,7 @@ class Monitors:
         self._miss(now_ns, state)
         speed = self.motion.motion.speed
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
-        self._reversed.step(state, speed, commanded if state.sys_state in STEERS else None)
+        self._reversed.step(state, self.motion.motion, commanded if state.sys_state in STEERS else None)
         steering_s, pedals_s = self._following.step(now_ns, state, obeyed, self._reversed.against)
         self._steering_off = steering_s > 0.0
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)

@@ -40,7 +40,7 @@ def slides(track: Track | None, curvature: float, reported: float, asked: float)
     locked = 0
     for _ in range(20):
         stuck.watch(reported, asked, motion)
-        locked += not stuck.steers(motion) and stuck.locks(motion, pose)
+        locked += not stuck.steers() and stuck.locks(motion, pose)
     return locked
 
 
@@ -76,7 +76,7 @@ def test_steering_whose_report_moves_with_its_command_steers_whatever_its_offset
     stuck, asked = StuckSteering(load_car(), StopConfig(), OVAL), [0.02 - 0.0002 * tick for tick in range(100)]
     for late, angle_now in zip([asked[0]] * 6 + asked, asked, strict=False):
         stuck.watch(asked[0] + share * (late - asked[0]) + offset, angle_now, unknown)
-    assert stuck.steers(unknown) is steers
+    assert stuck.steers() is steers
 
 
 @pytest.mark.parametrize(("share", "more"), [(0.3, 0.0), (0.75, 0.08)])
@@ -94,7 +94,7 @@ def test_a_car_that_has_not_turned_yet_with_a_command_that_jumps_goes_on_steerin
         motion = moving(yaw_rate)._replace(ay=felt)
         stuck.watch(asked[0], asked_now, motion)
         if tick > 100:
-            steers = stuck.steers(motion)
+            steers = stuck.steers()
             locked = locked or (not steers and stuck.locks(motion, pose))
     assert not locked
     assert steers, "in the end the yaw rate says that the steering works"
@@ -109,5 +109,5 @@ def test_steering_that_moves_does_not_stand_still(share: float, stands: bool) ->
         reported = 0.02 + share * (asked - 0.02)
         motion = moving(SPEED * math.tan(reported) / (CAR.wheelbase + UNDERSTEER * SPEED**2))
         stuck.watch(reported, asked, motion)
-        stuck.steers(motion)
+        stuck.steers()
     assert stuck.stands is stands

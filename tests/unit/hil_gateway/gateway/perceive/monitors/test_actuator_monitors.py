@@ -15,6 +15,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.actuators import FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
+from hil_gateway.gateway.perceive.motion import Motion
 
 SPEED = 40.0
 CAR = load_car().vehicle
@@ -73,7 +74,8 @@ def found_after(reported: Motor, turned: Motor, asked: Motor = chicane, behind: 
         steer, true = reported(tick) / CAR.steering_ratio, turned(tick - behind) / CAR.steering_ratio
         yaw_rate = min(max(0.5 * SPEED * math.tan(true) / CAR.wheelbase, -most), most)
         commanded = ActuatorPositions(asked(tick), 0.0, 0.0, 0.0, 3)
-        monitor.step(state.model_copy(update={"steer": steer, "yaw_rate": yaw_rate}), SPEED, commanded)
+        motion = Motion(SPEED, yaw_rate, SPEED * yaw_rate, understeer=1e-3)
+        monitor.step(state.model_copy(update={"steer": steer}), motion, commanded)
         if monitor.found:
             return tick
     return math.inf
@@ -148,7 +150,7 @@ def noticed_s(reported: Motor) -> float:
         commanded = ActuatorPositions(bend(tick), 0.0, 0.0, 0.0, 6)
         steer = round(reported(tick) / STEP_RAD) * STEP_RAD / CAR.steering_ratio
         now = state.model_copy(update={"steer": steer})
-        side.step(now, SPEED, commanded)
+        side.step(now, Motion(SPEED), commanded)
         held_s, _ = monitor.step((tick + 101) * 10_000_000, now, commanded, side.against)
         if held_s > 0.0:
             return 0.01 * tick
