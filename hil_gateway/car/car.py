@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import Field
 
@@ -109,6 +109,19 @@ class Receiver(Model):
     yaw: Angle = Field(default=0.0, ge=-3.2, le=3.2, description="heading of two antennas, turned to the left of ahead")
 
 
+class TurnIn(NamedTuple):
+    """How soon the yaw rate follows the steering angle: after v / (rest + per_speed2 v^2) seconds at the speed v."""
+
+    rest: float
+    """m/s2 at rest"""
+    per_speed2: float
+    """1/m, by downforce"""
+
+    def follows(self, dt: float, speed: float) -> float:
+        """Share of a change that it has followed after `dt` (s) at `speed` (m/s)."""
+        return dt / (dt + speed / (self.rest + self.per_speed2 * speed**2) + 1e-9)
+
+
 class Car(Model):
     """Everything that is known of the car before it has driven."""
 
@@ -130,13 +143,13 @@ class Car(Model):
     """`section.key` -> value, deviation and source, in the unit of the section"""
 
     @property
-    def turns_in_s(self) -> float:
-        """s per m/s of speed after which the yaw rate follows the steering angle: yaw inertia over the damping of both
-        axles, I_z / (l_f^2 C_f + l_r^2 C_r) with the linear tyres of Eq. (2) under the loads of the fastest speed."""
-        v, tyres, pressed = self.vehicle, self.tyres, 0.5 * self.vehicle.air_density * self.actuators.speed_max**2
-        front = tyres.bf * tyres.cf * tyres.df * (v.static_load_front - v.lift_area_front * pressed)
-        rear = tyres.br * tyres.cr * tyres.dr * (v.static_load_rear - v.lift_area_rear * pressed)
-        return v.yaw_inertia / (v.lf**2 * front + v.lr**2 * rear)
+    def turn_in(self) -> TurnIn:
+        """By the linear tyres of Eq. (2): I_z v / (l_f^2 C_f + l_r^2 C_r), inertia over the damping of both axles."""
+        v, tyres = self.vehicle, self.tyres
+        front = v.lf**2 * tyres.bf * tyres.cf * tyres.df / v.yaw_inertia
+        rear = v.lr**2 * tyres.br * tyres.cr * tyres.dr / v.yaw_inertia
+        pressed = front * v.lift_area_front + rear * v.lift_area_rear
+        return TurnIn(front * v.static_load_front + rear * v.static_load_rear, -0.5 * v.air_density * pressed)
 
     @property
     def grip_spread(self) -> float:

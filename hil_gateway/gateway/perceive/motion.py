@@ -41,12 +41,6 @@ def periods_late(car: Car) -> int:
     return 1 + round(car.actuators.steering_late / PERIOD_S)
 
 
-def turned_share(turns_in_s: float, dt: float, speed: float) -> float:
-    """Share of a change of the steering that the yaw rate has followed after `dt` (s) at `speed` (m/s) in a car with
-    this `Car.turns_in_s`."""
-    return dt / (dt + turns_in_s * speed + 1e-9)
-
-
 class Motion(NamedTuple):
     """Speed (m/s, forward), yaw rate (rad/s, left), lateral specific force (m/s2, left); none from a source that is
     invalid."""
@@ -111,7 +105,7 @@ class MotionReader:
         fastest = car.actuators.speed_max
         self._slowing_most = car.most_grip * car.vehicle.pressed(fastest) + car.vehicle.drag(fastest)
         """m/s2: wheels that slow down faster have locked"""
-        self._turns_in_s = car.turns_in_s
+        self._turn_in = car.turn_in
         self._lately, self._under_brakes = FadingRatio(LEARNT, UNDERSTEER, 1.0), FadingRatio(LEARNT)
         self._taught: deque[_Taught] = deque([self._teaches()], maxlen=round(RENEWED_S / PERIOD_S))
         """of the last periods with an IMU, as long as one that the observer finds wrong may have taught wrongly"""
@@ -142,7 +136,7 @@ class MotionReader:
         self._observe(state, speed, rolled, acts)
         if self._gyro(state) and self._wheels(state) and speed > SLOWEST:
             self._learn(state, speed, acts)
-        self._steered += turned_share(self._turns_in_s, dt, speed) * (self._turn_of(acts, speed) - self._steered)
+        self._steered += self._turn_in.follows(dt, speed) * (self._turn_of(acts, speed) - self._steered)
         return self._move(state, speed, course)
 
     def again(self, state: VehicleState, course: Course | None) -> Motion:

@@ -12,7 +12,7 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
-from hil_gateway.gateway.perceive.motion import BRAKED, Motion, periods_late, turned_share
+from hil_gateway.gateway.perceive.motion import BRAKED, Motion, periods_late
 from hil_gateway.observer.bank import GATE
 from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.observer.observer import SLOWEST
@@ -134,7 +134,7 @@ class SteeringTurns:
     """
 
     def __init__(self, car: Car) -> None:
-        self._vehicle, self._turns_in_s = car.vehicle, car.turns_in_s
+        self._vehicle, self._turn_in = car.vehicle, car.turn_in
         self._judged_s = car.actuators.steering_late
         """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
         self._apart = 2.0 * sound_imu_within(car)[0]
@@ -151,14 +151,15 @@ class SteeringTurns:
         """Road-wheel angles of a period, rad. A stop begins with a command that jumps, and a car that obeys it is not
         stuck because it has not turned yet."""
         self._asked_lately.append(asked)
-        share, speed = turned_share(self._turns_in_s, PERIOD_S, motion.speed), max(motion.speed, 1.0)
+        share, speed = self._turn_in.follows(PERIOD_S, motion.speed), max(motion.speed, 1.0)
         self._reported += share * (reported - self._reported)
         self._asked += share * (self._asked_lately[0] - self._asked)
         gain = self._vehicle.turns(motion.speed, motion.understeer)
         shown = self._vehicle.wheelbase * motion.yaw_rate / speed + motion.understeer * motion.ay
+        by_report, by_command = (shown - math.tan(angle) for angle in (self._reported, self._asked))
         lately = PERIOD_S / (self._judged_s + PERIOD_S)
-        self._reported_off += lately * (gain * abs(shown - math.tan(self._reported)) - self._reported_off)
-        self._asked_off += lately * (gain * abs(shown - math.tan(self._asked)) - self._asked_off)
+        self._reported_off += lately * (gain * abs(by_report) - self._reported_off)
+        self._asked_off += lately * (gain * abs(by_command) - self._asked_off)
         self._tells = motion.by_gyro
 
     @property
@@ -185,12 +186,14 @@ class ReversedMonitor:
         self._asked: deque[float] = deque(maxlen=self._of.window)
         self.against = False
         """whether what is reported lies on the other side and moves to it as the command moves"""
-        self.found = False
-        """until the car stands"""
+        self.found = self._misreported = False
+        """until the car stands: whether the steering is reversed; and whether it is the report, as the car turned as it
+        was asked to: what contradicts that later is a slide"""
 
     def step(self, state: VehicleState, motion: Motion, commanded: ActuatorPositions | None) -> None:
         """`commanded` stands on the wire, None while the car does not obey; once a period."""
-        self.against, self.found = False, self.found and motion.speed > 0.0
+        self.against, moves = False, motion.speed > 0.0
+        self.found, self._misreported = self.found and moves, self._misreported and moves
         if commanded is None:
             self._asked.clear()
             self._reported.clear()
@@ -201,7 +204,8 @@ class ReversedMonitor:
         self._reported.append(motor)
         if asked * motor < 0.0:
             self.against = self._moves_against()
-            turns = motion.speed > SLOWEST and self._turns.as_reported
+            self._misreported = self._misreported or self._turns.as_asked
+            turns = motion.speed > SLOWEST and self._turns.as_reported and not self._misreported
             self.found = self.found or (turns and self._mirrors(math.copysign(1.0, asked), motor))
 
     def _mirrors(self, side: float, motor: float) -> bool:

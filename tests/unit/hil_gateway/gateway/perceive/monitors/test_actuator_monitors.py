@@ -102,6 +102,18 @@ def test_reversed_steering_is_told_beyond_what_the_tyres_follow() -> None:
     assert not finds(reverse, lambda tick: hairpin(tick - LATE), hairpin, behind=30)
 
 
+@pytest.mark.parametrize(("turned_as_asked", "told"), [(0, True), (140, False)])
+def test_a_report_that_the_car_has_contradicted_is_no_reversed_steering_in_a_slide(
+    turned_as_asked: int, told: bool
+) -> None:
+    """It turns as it is asked to for so many periods, then as the report says."""
+
+    def mirrored(tick: int) -> float:
+        return -late(tick)
+
+    assert finds(mirrored, lambda tick: late(tick) if tick < turned_as_asked else mirrored(tick)) is told
+
+
 def test_reversed_steering_is_told_while_the_car_begins_to_turn() -> None:
     def reverse(tick: int) -> float:
         return -hairpin(tick - LATE)
