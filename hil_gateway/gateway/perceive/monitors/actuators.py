@@ -206,7 +206,7 @@ class ReversedMonitor:
             self.against = self._moves_against()
             self._misreported = self._misreported or self._turns.as_asked
             turns = motion.speed > SLOWEST and self._turns.as_reported and not self._misreported
-            self.found = self.found or (turns and self._mirrors(math.copysign(1.0, asked), motor))
+            self.found = self.found or (turns and (self.against or self._mirrors(math.copysign(1.0, asked), motor)))
 
     def _mirrors(self, side: float, motor: float) -> bool:
         """Whether it has gone to where its command would be on the other side."""
@@ -214,7 +214,7 @@ class ReversedMonitor:
         newest = asked[-self._of.answer :]
         outside = not min(asked) - apart <= motor <= max(asked) + apart
         mirrored = min(newest) - apart < -motor < max(newest) + apart
-        return outside and mirrored and (self.against or side * (self._reported[0] - motor) > apart)
+        return outside and mirrored and side * (self._reported[0] - motor) > apart
 
     def _moves_against(self) -> bool:
         """Whether it goes to the other side as its command moves, however slowly, and neither stands there nor seems to
