@@ -51,8 +51,8 @@ class FilterLane:
         self.fit = fit[:, i].data
         """chi-square of what the IMU shows"""
         self.age_s = self.gains = 0.0
-        """since it was begun; and the logarithm of how much likelier all but the IMU are since then by the filter with
-        all sources"""
+        """since it was begun; and how much likelier the filter with all sources has made the others since then, as a
+        logarithm"""
 
     def renew(self, other: FilterLane) -> None:
         """Go on from where another one is."""

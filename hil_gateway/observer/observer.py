@@ -122,7 +122,7 @@ class Observer:
             self._judge(wheels, imu)
 
     @property
-    def _imu_explains(self) -> bool:
+    def _model_off(self) -> bool:
         """Whether the model of the tyres is off, as in a slide: with the IMU all fits, and the wheels fit better."""
         gains = self._lateral.without.gains + self._longitudinal.without.gains
         return gains > 0.0 and self._lateral.main.fit[0] + self._longitudinal.main.fit[0] < DOUBTED
@@ -138,7 +138,7 @@ class Observer:
         front, rear, *_ = self._lateral.without.off
         agree = imu and (not wheels or max(abs(front), abs(rear)) < GATE)
         off = self._lateral.without.fit[0] + self._longitudinal.without.fit[0] if agree else 0.0
-        self.imu_off = 0.0 if self._imu_explains else off / BOUND
+        self.imu_off = 0.0 if self._model_off else off / BOUND
         if imu and off < DOUBTED:
             self._lateral.renew()
             self._longitudinal.renew()

@@ -13,7 +13,7 @@ from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.motion import BRAKED, Motion, periods_late
-from hil_gateway.observer.bank import GATE
+from hil_gateway.observer.bank import GATE, RENEWED_S
 from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.process.arrays import Array
@@ -86,8 +86,8 @@ class FollowingMonitor:
     def step(
         self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None, against: bool
     ) -> tuple[float, float]:
-        """How long what steering and pedals report has been outside of their commands, s. `commanded` is what stands on
-        the wire; None while nothing is sent or the car does not obey. Whether the steering moves `against` it."""
+        """How long what steering and pedals report has been outside of their commands, or the steering moves `against`
+        its own, s. `commanded` stands on the wire; None while nothing is sent or the car does not obey."""
         if commanded is None:
             self._commands.clear()
             self._standing = _StandingSteering(self._of)
@@ -144,12 +144,18 @@ class SteeringTurns:
         self._reported = self._asked = 0.0
         """that the car has had the time to turn with, rad"""
         self._reported_off = self._asked_off = 0.0
-        """of the yaw rate from what the angles come to, lately, rad/s"""
-        self._tells = False
+        """of the yaw rate from what the angles come to, lately, rad/s; none while no gyro tells"""
+
+    def forget(self) -> None:
+        """The car does not obey, or nothing is reported."""
+        self._asked_lately.clear()
+        self._reported_off = self._asked_off = 0.0
 
     def step(self, reported: float, asked: float, motion: Motion) -> None:
         """Road-wheel angles of a period, rad. A stop begins with a command that jumps, and a car that obeys it is not
         stuck because it has not turned yet."""
+        if not self._asked_lately:
+            self._reported, self._asked = reported, asked
         self._asked_lately.append(asked)
         share, speed = self._turn_in.follows(PERIOD_S, motion.speed), max(motion.speed, 1.0)
         self._reported += share * (reported - self._reported)
@@ -157,27 +163,29 @@ class SteeringTurns:
         gain = self._vehicle.turns(motion.speed, motion.understeer)
         shown = self._vehicle.wheelbase * motion.yaw_rate / speed + motion.understeer * motion.ay
         by_report, by_command = (shown - math.tan(angle) for angle in (self._reported, self._asked))
+        if not motion.by_gyro:
+            self._reported_off = self._asked_off = 0.0
+            return
         lately = PERIOD_S / (self._judged_s + PERIOD_S)
         self._reported_off += lately * (gain * abs(by_report) - self._reported_off)
         self._asked_off += lately * (gain * abs(by_command) - self._asked_off)
-        self._tells = motion.by_gyro
 
     @property
     def as_reported(self) -> bool:
         """Whether the reported angle explains the yaw rate better."""
-        return self._tells and self._reported_off + self._apart < self._asked_off
+        return self._reported_off + self._apart < self._asked_off
 
     @property
     def as_asked(self) -> bool:
         """Whether the commanded one does."""
-        return self._tells and self._asked_off + self._apart < self._reported_off
+        return self._asked_off + self._apart < self._reported_off
 
 
 class ReversedMonitor:
     """Steering that goes to the other side than its command: the sensor says so, and the car turns that way.
 
-    Steering that is late or stuck never moves away from its command, and a sensor with a wrong sign is contradicted
-    by the gyro, which is not judged by it: it moves `against` its command.
+    Steering that is late or stuck does not go to the other side. A sensor with a wrong sign is contradicted by the
+    gyro, which is not judged by it: it moves `against` its command.
     """
 
     def __init__(self, car: Car) -> None:
@@ -186,27 +194,39 @@ class ReversedMonitor:
         self._asked: deque[float] = deque(maxlen=self._of.window)
         self.against = False
         """whether what is reported lies on the other side and moves to it as the command moves"""
-        self.found = self._misreported = False
-        """until the car stands: whether the steering is reversed; and whether it is the report, as the car turned as it
-        was asked to: what contradicts that later is a slide"""
+        self.found = False
+        """until the car stands, where a stop follows"""
+        self._misreported = 0
+        """for so many periods it is known that the report is reversed, as the car turned as it was asked to: what
+        contradicts that later is a slide"""
 
-    def step(self, state: VehicleState, motion: Motion, commanded: ActuatorPositions | None) -> None:
-        """`commanded` stands on the wire, None while the car does not obey; once a period."""
-        self.against, moves = False, motion.speed > 0.0
-        self.found, self._misreported = self.found and moves, self._misreported and moves
-        if commanded is None:
+    def step(
+        self, state: VehicleState, motion: Motion, commanded: ActuatorPositions | None, steer_zero: float, keeps: bool
+    ) -> None:
+        """`commanded` stands on the wire, None while the car does not obey; `steer_zero` as learnt, rad at the road
+        wheel; once a period. What is found `keeps` in a stop, and while the steering is off its command."""
+        self.against, self.found = False, self.found and keeps and motion.speed > 0.0
+        self._misreported = max(self._misreported - (not keeps), 0) if motion.speed > 0.0 else 0
+        if commanded is None or not state.sources["steering"].valid:
             self._asked.clear()
             self._reported.clear()
+            self._turns.forget()
             return
-        motor, asked = state.steer * self._of.ratio, commanded.steering_motor
-        self._turns.step(state.steer, asked / self._of.ratio, motion)
+        steer, asked = state.steer + steer_zero, commanded.steering_motor
+        motor = steer * self._of.ratio
+        self._turns.step(steer, asked / self._of.ratio, motion)
         self._asked.append(asked)
         self._reported.append(motor)
-        if asked * motor < 0.0:
-            self.against = self._moves_against()
-            self._misreported = self._misreported or self._turns.as_asked
-            turns = motion.speed > SLOWEST and self._turns.as_reported and not self._misreported
-            self.found = self.found or (turns and (self.against or self._mirrors(math.copysign(1.0, asked), motor)))
+        if asked * motor < 0.0 and motion.speed > SLOWEST:
+            self._judge(motor, math.copysign(1.0, asked))
+
+    def _judge(self, motor: float, side: float) -> None:
+        """A report on the other side than its command."""
+        self.against = self._moves_against()
+        if self._turns.as_asked:
+            self._misreported = round(RENEWED_S / PERIOD_S)
+        elif self._turns.as_reported and not self._misreported:
+            self.found = self.found or self.against or self._mirrors(side, motor)
 
     def _mirrors(self, side: float, motor: float) -> bool:
         """Whether it has gone to where its command would be on the other side."""
@@ -217,14 +237,15 @@ class ReversedMonitor:
         return outside and mirrored and side * (self._reported[0] - motor) > apart
 
     def _moves_against(self) -> bool:
-        """Whether it goes to the other side as its command moves, however slowly, and neither stands there nor seems to
-        move by the noise of its sensor."""
+        """Whether it goes to the other side as its command moves, however slowly and however late it may be, and
+        neither stands there nor seems to move by the noise of its sensor."""
         if len(self._asked) < self._of.window:
             return False
-        late = self._of.late
-        asked, reported = np.array(self._asked)[:-late], np.array(self._reported)[late:]
-        by_noise = GATE * self._of.still / math.sqrt(len(asked))
-        return bool((moved_share(reported, asked) + MOVED_SHARE) * asked.std() < -by_noise)
+        asked, reported, late, answer = np.array(self._asked), np.array(self._reported), self._of.late, self._of.answer
+        due, later = asked[:-late], asked[:-answer]
+        by_noise = GATE * self._of.still / math.sqrt(len(due))
+        moves = (moved_share(reported[late:], due) + MOVED_SHARE) * due.std() < -by_noise
+        return bool(moves) and moved_share(reported[answer:], later) < -MOVED_SHARE
 
 
 class AccelerationMonitor:

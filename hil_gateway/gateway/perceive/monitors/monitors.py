@@ -62,14 +62,14 @@ class Monitors:
         self._road = None if track is None else RoadMonitor(track, car.vehicle.half_width)
 
     @property
-    def _imu_explains(self) -> bool:
+    def _imu_at_fault(self) -> bool:
         """Whether the IMU is contradicted and may be what fixes did not fit: wheels alone do not contradict them."""
         return self.imu_wrong and not self.position.elsewhere
 
     @property
     def fixes_fit(self) -> bool:
         """Whether fixes are believed."""
-        return self._imu_explains or not self.position.suspect
+        return self._imu_at_fault or not self.position.suspect
 
     @property
     def fix_fits(self) -> bool:
@@ -79,7 +79,7 @@ class Monitors:
     @property
     def blind(self) -> bool:
         """Whether no fixes hold the pose: wrong, or none for `OLDEST_S`."""
-        return self.position.lost_s > OLDEST_S or (self.position.wrong and not self._imu_explains)
+        return self.position.lost_s > OLDEST_S or (self.position.wrong and not self._imu_at_fault)
 
     @property
     def estimate_fits(self) -> bool:
@@ -119,7 +119,8 @@ class Monitors:
         self._miss(now_ns, state)
         speed = self.motion.motion.speed
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
-        self._reversed.step(state, self.motion.motion, commanded if state.sys_state in STEERS else None)
+        asked, keeps = commanded if state.sys_state in STEERS else None, stopping or self._steering_off
+        self._reversed.step(state, self.motion.motion, asked, self._observer.steer_zero, keeps)
         steering_s, pedals_s = self._following.step(now_ns, state, obeyed, self._reversed.against)
         self._steering_off = steering_s > 0.0
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
@@ -145,7 +146,7 @@ class Monitors:
         """Sensors with all others, and with the course of the fixes."""
         observer, wheels = self._observer, state.sources["wheel_speeds"].valid
         both = wheels and state.sources["imu"].valid and not self._imu_gone
-        fixes = None if self.position.wrong and not self._imu_explains else course
+        fixes = None if self.position.wrong and not self._imu_at_fault else course
         off_s = self._imu.update(0.0 if self._wheels_apart else observer.imu_off, now_ns)
         imu = math.inf if self._itself.found else off_s
         one = self._wheel.update(observer.wheel_off, now_ns)

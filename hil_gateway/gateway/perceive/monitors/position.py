@@ -45,8 +45,9 @@ class PositionMonitor:
         in the last `UNSEEN_S`"""
         self.fits = True
         """whether the newest fix is where it may be"""
-        self.wrong = self.elsewhere = False
-        """whether they are; and whether they lay too far ahead or behind: wheels say so, and no gyro explains it"""
+        self.wrong = False
+        self.elsewhere = False
+        """whether no gyro explains it: they lay too far ahead or behind by the wheels, or other receivers say so"""
         self.source = ""
         """what found it first, in words"""
         self._answering, self._estimated = ConditionTime(), False
@@ -65,6 +66,7 @@ class PositionMonitor:
     def outvoted(self, held_s: float) -> None:
         """Both other receivers have moved away from the fixes for so long."""
         tells = self._moves and held_s > CONTRADICTED_S
+        self.elsewhere = self.elsewhere or tells
         self._note(tells, "both other receivers have moved away from them")
 
     def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], believed: bool) -> None:
@@ -83,16 +85,17 @@ class PositionMonitor:
         brakes wheels lock and do not tell how far a slow car has gone."""
         self._moves = reckoned is not None and motion.speed >= MOVING
         came, self._seq = state.position_seq != self._seq, state.position_seq
-        if motion.speed < AT_REST or (rolls and road_speed(state) < STANDSTILL):
-            self.wrong = self.elsewhere = False
         if reckoned is None or rests(state) or not (rolls or self._moves):
             self.lost_s, self._level, self._fix_ns, self._mean = 0.0, 0.0, now_ns, 0j
-            return
-        if came:
-            since_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
-            self._fix_ns = now_ns
-            self._count(*self._off(state.position_x, state.position_y, reckoned, since_s))
-        self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
+        else:
+            if came:
+                since_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
+                self._fix_ns = now_ns
+                self._count(*self._off(state.position_x, state.position_y, reckoned, since_s))
+            self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
+        stands = motion.speed < AT_REST or (rolls and road_speed(state) < STANDSTILL)
+        if stands and self._level < 1.0:
+            self.wrong = self.elsewhere = False
 
     def _count(self, along: float, across: float) -> None:
         """A fix that is so far off, over what it may be."""

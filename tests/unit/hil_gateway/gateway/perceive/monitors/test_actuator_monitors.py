@@ -63,7 +63,7 @@ def hairpin(tick: int) -> float:
     return min(max(0.04 * tick, 0.0), 4.0)
 
 
-def found_after(reported: Motor, turned: Motor, asked: Motor = chicane, behind: int = 0) -> float:
+def found_after(reported: Motor, turned: Motor, asked: Motor = chicane, behind: int = 0, zero: float = 0.0) -> float:
     """Periods until it is found. `reported` and true angle of the motor; the yaw rate is that of a car that understeers
     by half, at most what the declared tyres hold, and so many periods later."""
     most = CAR.pressed(SPEED) * load_car().tyres.grip / SPEED
@@ -75,7 +75,7 @@ def found_after(reported: Motor, turned: Motor, asked: Motor = chicane, behind: 
         yaw_rate = min(max(0.5 * SPEED * math.tan(true) / CAR.wheelbase, -most), most)
         commanded = ActuatorPositions(asked(tick), 0.0, 0.0, 0.0, 3)
         motion = Motion(SPEED, yaw_rate, SPEED * yaw_rate, understeer=1e-3)
-        monitor.step(state.model_copy(update={"steer": steer}), motion, commanded)
+        monitor.step(state.model_copy(update={"steer": steer}), motion, commanded, zero, keeps=True)
         if monitor.found:
             return tick
     return math.inf
@@ -112,6 +112,32 @@ def test_a_report_that_the_car_has_contradicted_is_no_reversed_steering_in_a_sli
         return -late(tick)
 
     assert finds(mirrored, lambda tick: late(tick) if tick < turned_as_asked else mirrored(tick)) is told
+
+
+def weave(tick: int) -> float:
+    """20 deg to either side at the motor, once in a second."""
+    return 0.35 * math.sin(0.02 * math.pi * tick)
+
+
+@pytest.mark.parametrize("behind", [15, 25])
+def test_steering_that_is_much_later_than_declared_is_not_taken_for_reversed(behind: int) -> None:
+    def later(tick: int) -> float:
+        return weave(tick - behind)
+
+    assert not finds(later, later, weave)
+
+
+def test_reversed_steering_is_told_although_its_sensor_is_off() -> None:
+    """By 5 deg, as has been learnt; for the first second the steering works."""
+    offset = math.radians(5.0)
+
+    def steering(tick: int) -> float:
+        return weave(tick - LATE) if tick < 100 else -weave(tick - LATE)
+
+    def reported(tick: int) -> float:
+        return steering(tick) + offset
+
+    assert 100 < found_after(reported, steering, weave, zero=-offset / CAR.steering_ratio) < 160
 
 
 def test_reversed_steering_is_told_while_the_car_begins_to_turn() -> None:
@@ -162,7 +188,7 @@ def noticed_s(reported: Motor) -> float:
         commanded = ActuatorPositions(bend(tick), 0.0, 0.0, 0.0, 6)
         steer = round(reported(tick) / STEP_RAD) * STEP_RAD / CAR.steering_ratio
         now = state.model_copy(update={"steer": steer})
-        side.step(now, Motion(SPEED), commanded)
+        side.step(now, Motion(SPEED), commanded, 0.0, keeps=True)
         held_s, _ = monitor.step((tick + 101) * 10_000_000, now, commanded, side.against)
         if held_s > 0.0:
             return 0.01 * tick
