@@ -119,12 +119,12 @@ def weave(tick: int) -> float:
     return 0.35 * math.sin(0.02 * math.pi * tick)
 
 
-@pytest.mark.parametrize("behind", [15, 25])
+@pytest.mark.parametrize("behind", [15, 30])
 def test_steering_that_is_much_later_than_declared_is_not_taken_for_reversed(behind: int) -> None:
     def later(tick: int) -> float:
         return weave(tick - behind)
 
-    assert not finds(later, later, weave)
+    assert not finds(later, later, weave, 5)
 
 
 def test_reversed_steering_is_told_although_its_sensor_is_off() -> None:
