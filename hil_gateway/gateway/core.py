@@ -204,7 +204,6 @@ class Gateway:
         pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fix_fits)
         monitored = monitors.measures(now_ns, state, pose, commanded, course, before.stopping, self._tyres.flat)
         found = monitors.imu_wrong and not imu_was_wrong
-        course = course if monitors.fixes_fit else None
         if found:  # a stop that begins now must not go by what was false
             motion = monitors.motion.again(state, course)
         if course is not None and (found or pose is None):

@@ -62,14 +62,9 @@ class Monitors:
         self._road = None if track is None else RoadMonitor(track, car.vehicle.half_width)
 
     @property
-    def _imu_at_fault(self) -> bool:
-        """Whether the IMU is contradicted and may be what fixes did not fit: wheels alone do not contradict them."""
-        return self.imu_wrong and not self.position.elsewhere
-
-    @property
     def fixes_fit(self) -> bool:
-        """Whether fixes are believed."""
-        return self._imu_at_fault or not self.position.suspect
+        """Whether fixes are believed; where the IMU is contradicted too, it is the IMU that they did not fit."""
+        return self.imu_wrong or not self.position.suspect
 
     @property
     def fix_fits(self) -> bool:
@@ -79,7 +74,7 @@ class Monitors:
     @property
     def blind(self) -> bool:
         """Whether no fixes hold the pose: wrong, or none for `OLDEST_S`."""
-        return self.position.lost_s > OLDEST_S or (self.position.wrong and not self._imu_at_fault)
+        return self.position.lost_s > OLDEST_S or (self.position.wrong and not self.imu_wrong)
 
     @property
     def estimate_fits(self) -> bool:
@@ -146,7 +141,7 @@ class Monitors:
         """Sensors with all others, and with the course of the fixes."""
         observer, wheels = self._observer, state.sources["wheel_speeds"].valid
         both = wheels and state.sources["imu"].valid and not self._imu_gone
-        fixes = None if self.position.wrong and not self._imu_at_fault else course
+        fixes = None if self.position.wrong and not self.imu_wrong else course
         off_s = self._imu.update(0.0 if self._wheels_apart else observer.imu_off, now_ns)
         imu = math.inf if self._itself.found else off_s
         one = self._wheel.update(observer.wheel_off, now_ns)

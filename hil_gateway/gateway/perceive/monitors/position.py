@@ -46,8 +46,6 @@ class PositionMonitor:
         self.fits = True
         """whether the newest fix is where it may be"""
         self.wrong = False
-        self.elsewhere = False
-        """whether no gyro explains it: they lay too far ahead or behind by the wheels, or other receivers say so"""
         self.source = ""
         """what found it first, in words"""
         self._answering, self._estimated = ConditionTime(), False
@@ -66,7 +64,6 @@ class PositionMonitor:
     def outvoted(self, held_s: float) -> None:
         """Both other receivers have moved away from the fixes for so long."""
         tells = self._moves and held_s > CONTRADICTED_S
-        self.elsewhere = self.elsewhere or tells
         self._note(tells, "both other receivers have moved away from them")
 
     def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], believed: bool) -> None:
@@ -91,28 +88,23 @@ class PositionMonitor:
             if came:
                 since_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
                 self._fix_ns = now_ns
-                self._count(*self._off(state.position_x, state.position_y, reckoned, since_s))
+                self._count(self._off(state.position_x, state.position_y, reckoned, since_s))
             self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
         stands = motion.speed < AT_REST or (rolls and road_speed(state) < STANDSTILL)
         if stands and self._level < 1.0:
-            self.wrong = self.elsewhere = False
+            self.wrong = False
 
-    def _count(self, along: float, across: float) -> None:
+    def _count(self, off: float) -> None:
         """A fix that is so far off, over what it may be."""
-        off = max(along, across)
         self.fits = off <= 1.0
         self._level = min(max(self._level + (1.0 if off > 1.0 else off**2 - 1.0 / WRONG), 0.0), WRONG)
-        if self._level >= WRONG and not self.wrong:
-            self.elsewhere = along > 1.0
         self._note(self._level >= WRONG, "they leave the way by wheels and gyro")
 
-    def _off(self, x: float, y: float, reckoned: Reckoned, since_s: float) -> tuple[float, float]:
-        """Of a fix along and across the way, over what it may be; the one before came so long ago."""
+    def _off(self, x: float, y: float, reckoned: Reckoned, since_s: float) -> float:
+        """Of a fix, over what it may be; the one before came so long ago."""
         (along, across), most = reckoned.pose.offset(x, y), self._tolerance + reckoned.within_m
         share = complex(along, across) / max(since_s * reckoned.pose.speed, self._tolerance)
         self._mean += min(since_s / UNSEEN_S, 1.0) * (share / max(abs(share), 1.0) - self._mean)
-        mean_most = max(SHARE, reckoned.slips)
-        return (
-            math.inf if abs(self._mean.real) > mean_most else abs(along) / (most + PERIOD_S * reckoned.pose.speed),
-            math.inf if abs(self._mean) > mean_most else abs(across) / most,
-        )
+        if abs(self._mean) > max(SHARE, reckoned.slips):
+            return math.inf
+        return max(abs(along) / (most + PERIOD_S * reckoned.pose.speed), abs(across) / most)
