@@ -25,7 +25,7 @@ the less grip the force across leaves (friction circle).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -71,8 +71,6 @@ class LateralPeriod(NamedTuple):
     braked_rear: float
     pushing: float
     """m/s2 by the engine, as declared"""
-    changed: float
-    """m/s2 by which what brakes and engine ask has changed over the time by which their forces may be late"""
     gravity_across: float
     """g sin(bank) of the map, m/s2"""
     front: float
@@ -229,11 +227,10 @@ class Turning:
         return [2.0 * across / (track * load) for track, load in zip(tracks, self._loads(x), strict=True)]
 
     def _slipping(self, x: Expr) -> list[Expr]:
-        """By which the wheels of both axles slip apart, rad/s; under what was asked of them, too, while it may act."""
+        """By which the wheels of both axles slip apart, rad/s."""
         n, car, across = NOISE, self.car, map(ca.tanh, self._angles(x))
-        along = [ca.fabs(a) + self.u.changed for a in self._along(x)]
-        slips = (YIELDS * a / load for a, load in zip(along, self._loads(x), strict=True))
-        parts = zip(slips, self._share_used(x, along), across, (car.track_front, car.track_rear), strict=True)
+        slips = (YIELDS * ca.fabs(a) / load for a, load in zip(self._along(x), self._loads(x), strict=True))
+        parts = zip(slips, self._used(x), across, (car.track_front, car.track_rear), strict=True)
         return [
             n.slip + (n.slip_share * slip / left(side) + n.slip_at_limit * used**4) * self.u.speed / track
             for slip, used, side, track in parts
@@ -246,11 +243,7 @@ class Turning:
 
     def _used(self, x: Expr) -> list[Expr]:
         """Share of the grip along that engine and brakes use of both axles."""
-        return self._share_used(x, self._along(x))
-
-    def _share_used(self, x: Expr, along: Sequence[Expr]) -> list[Expr]:
-        """The same of forces `along` of both axles, m/s2."""
-        return [ca.fmin(x[ELLIPSE] * a / limit, 1.0) for a, limit in zip(along, self._limits(x), strict=True)]
+        return [ca.fmin(x[ELLIPSE] * a / limit, 1.0) for a, limit in zip(self._along(x), self._limits(x), strict=True)]
 
     def _axles(self, x: Expr, known: Known) -> tuple[Expr, Expr]:
         """a_f, a_r, m/s2."""
