@@ -18,7 +18,7 @@ from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, UNSEEN_S, Cond
 from hil_gateway.gateway.perceive.inbox import ESTIMATE_MAX_S
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.positions.fixes import MOVING
-from hil_gateway.gateway.perceive.road_speed import AT_REST, STANDSTILL, rests, road_speed
+from hil_gateway.gateway.perceive.road_speed import AT_REST, STANDSTILL, road_speed
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_S
 
@@ -82,17 +82,17 @@ class PositionMonitor:
         brakes wheels lock and do not tell how far a slow car has gone."""
         self._moves = reckoned is not None and motion.speed >= MOVING
         came, self._seq = state.position_seq != self._seq, state.position_seq
-        if reckoned is None or rests(state) or not (rolls or self._moves):
+        stands = road_speed(state) < STANDSTILL
+        if reckoned is None or stands or not (rolls or self._moves):
             self.lost_s, self._level, self._fix_ns, self._mean = 0.0, 0.0, now_ns, 0j
-        else:
-            if came:
-                since_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
-                self._fix_ns = now_ns
-                self._count(self._off(state.position_x, state.position_y, reckoned, since_s))
-            self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
-        stands = motion.speed < AT_REST or (rolls and road_speed(state) < STANDSTILL)
-        if stands and self._level < 1.0:
-            self.wrong = False
+            if motion.speed < AT_REST or (rolls and stands):
+                self.wrong = False
+            return
+        if came:
+            since_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
+            self._fix_ns = now_ns
+            self._count(self._off(state.position_x, state.position_y, reckoned, since_s))
+        self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
 
     def _count(self, off: float) -> None:
         """A fix that is so far off, over what it may be."""
