@@ -42,8 +42,6 @@ class ImuMonitor:
         against = v.static_load_front * v.lf + v.static_load_rear * v.lr
         self._kick = PERIOD_S * car.most_grip * against / v.yaw_inertia
         """rad/s by which both axles against each other change the yaw rate in a period"""
-        self._pull = PERIOD_S * v.mass * v.lr / v.yaw_inertia
-        """rad/s a m/s2: tyres that push no more turn the car by as much more, as a gear is shifted in a bend"""
         self._readings: deque[tuple[float, float, float]] = deque(maxlen=2 * STEADY)
         """yaw rate, rad/s; lateral and longitudinal specific force, m/s2"""
         self._noise = tuple(_Noise(abs(reports[f"imu.{name}.{axis}"].scale)) for axis in ("yaw_rate", "ay", "ax"))
@@ -66,15 +64,14 @@ class ImuMonitor:
         self.found = self.found or quiet or self._stepped()
 
     def _stepped(self) -> bool:
-        """Whether the yaw rate has stepped by more than tyres make it, or two of the three, one of them the yaw rate by
-        more than the force along the car makes it, or to the other sign: on a patch of less grip both forces fall."""
+        """Whether the yaw rate has stepped by more than tyres make it, or two of the three, one of them the yaw rate or
+        to the other sign: on a patch of less grip both forces fall."""
         if len(self._readings) < 2 * STEADY:
             return False
         turn, ay, ax = map(_step, zip(*self._readings, strict=True), self._least)
         _, ay_before, ax_before = self._readings[STEADY - 1]
         mirrored = min(ay_before * (ay_before + ay), ax_before * (ax_before + ax)) < 0.0
-        pushed = bool(ax) and abs(turn) > self._pull * abs(ax)
-        return abs(turn) > self._kick or pushed or bool(turn and ay) or bool(ay and ax and mirrored)
+        return abs(turn) > self._kick or bool(turn and (ay or ax)) or bool(ay and ax and mirrored)
 
     def _quiet(self) -> bool:
         """Whether the noise of two axes has fallen; learns what is usual."""

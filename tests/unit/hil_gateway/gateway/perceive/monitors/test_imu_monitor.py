@@ -72,12 +72,6 @@ def test_a_gear_shift_in_a_bend_is_no_wrong_imu_however_good_its_data_sheet_is(s
     assert not any(drive.read(*reading, noise=0.01) for reading in readings)
 
 
-def test_a_gear_shift_that_lets_rear_tyres_turn_the_car_less_is_no_wrong_imu(state):
-    """As they push no more, they hold the car more."""
-    assert not Drive(state).steps((0.31, 10.8, 7.4), (0.275, 11.4, -2.0))
-    assert Drive(state).steps((0.31, 10.8, 7.4), (0.11, 10.8, -2.0)), "by more than they push"
-
-
 def test_a_car_that_begins_to_spin_is_no_wrong_imu(state):
     """10 rad/s2 of yaw acceleration."""
     drive = Drive(state)
