@@ -2,8 +2,9 @@
 
 A step, a receiver that repeats its last fix, a delay, noise of a lost correction service and a second sender all put
 fixes where the car cannot have gone; a ramp adds up. Where the heading is not known, or says little yet, a fix lies no
-further on than the car has gone. A drift below 12 % of the speed does not show, heading and rolling radius explain it:
-only other receivers do (`receivers.py`).
+further on than the car has gone. Of one that hardly moves it is judged by the fix before: wheels that show a little
+while a car stands would add up to a way. A drift below 12 % of the speed does not show, heading and rolling radius
+explain it: only other receivers do (`receivers.py`).
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ class PositionMonitor:
 
     def __init__(self, noise: float) -> None:
         """`noise` of a fix, m."""
-        self._tolerance = apart_at_most(noise)
+        self._tolerance, self._apart = apart_at_most(noise), apart_at_most(math.sqrt(2.0) * noise)
+        self._at, self._way = 0j, math.inf
+        """newest fix that a car that hardly moves can have come from, and its way since then, m"""
         self._level = 0.0
         self._seq = 0
         self._moves = False
@@ -83,9 +86,11 @@ class PositionMonitor:
         self._moves = reckoned is not None and motion.speed >= MOVING
         came, self._seq = state.position_seq != self._seq, state.position_seq
         stands = road_speed(state) < STANDSTILL
+        self._way += PERIOD_S * motion.speed
         if reckoned is None or stands or not (rolls or self._moves):
-            self.lost_s, self._level, self._fix_ns, self._mean = 0.0, 0.0, now_ns, 0j
-            if motion.speed < AT_REST or (rolls and stands):
+            self.lost_s, self._fix_ns, self._mean = 0.0, now_ns, 0j
+            self._creep(came, state, motion.speed, rolls and stands and reckoned is not None)
+            if motion.speed < AT_REST or (rolls and stands and self._level < 1.0):
                 self.wrong = False
             return
         if came:
@@ -93,6 +98,15 @@ class PositionMonitor:
             self._fix_ns = now_ns
             self._count(self._off(state.position_x, state.position_y, reckoned, since_s))
         self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
+
+    def _creep(self, came: bool, state: VehicleState, speed: float, judges: bool) -> None:
+        """A car that hardly moves, if at all."""
+        fix, judges = complex(state.position_x, state.position_y), judges and speed >= AT_REST
+        self._level = self._level if judges else 0.0
+        if came and judges:
+            self._count(abs(fix - self._at) / (self._apart + self._way))
+        if came and (self.fits or not judges):
+            self._at, self._way = fix, 0.0
 
     def _count(self, off: float) -> None:
         """A fix that is so far off, over what it may be."""

@@ -97,11 +97,15 @@ def test_scatter_within_the_bound_of_a_single_fix_adds_up() -> None:
     assert judged(60.0, 0.0, lambda t, x: x + next(sides) * (t > 5.0)).wrong
 
 
-@pytest.mark.parametrize("speed", [0.6, 1.4, 4.0])
+@pytest.mark.parametrize("speed", [0.1, 0.3, 0.6, 1.4, 4.0])
 @pytest.mark.parametrize("heading", [True, False])
 def test_a_slow_car_is_where_it_can_have_gone(speed: float, heading: bool) -> None:
     assert not judged(speed, 0.0, lambda t, x: x, 0.04, heading).wrong
     assert judged(speed, 0.0, lambda t, x: x + 4.0 * (t > 5.0), 0.0, heading).wrong
+
+
+def test_wheels_that_show_a_little_while_the_car_stands_contradict_no_fix() -> None:
+    assert not judged(0.002, 0.0, lambda t, x: x, rolling=140.0).source
 
 
 def test_fixes_that_stepped_are_believed_again_when_they_fit_a_car_that_stands() -> None:
