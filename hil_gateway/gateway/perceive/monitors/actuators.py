@@ -213,15 +213,14 @@ class ReversedMonitor:
             self._turns.forget()
             return
         steer, asked = state.steer + steer_zero, commanded.steering_motor
-        motor = steer * self._of.ratio
         self._turns.step(steer, asked / self._of.ratio, motion)
         self._asked.append(asked)
-        self._reported.append(motor)
-        if asked * motor < 0.0 and motion.speed > SLOWEST:
-            self._judge(motor, math.copysign(1.0, asked))
+        self._reported.append(state.steer * self._of.ratio)  # without what is learnt, which would pass for a movement
+        if asked * steer < 0.0 and motion.speed > SLOWEST:
+            self._judge(steer * self._of.ratio, math.copysign(1.0, asked))
 
     def _judge(self, motor: float, side: float) -> None:
-        """A report on the other side than its command."""
+        """A report on the other side than its command; `motor` with its zero, rad."""
         self.against = self._moves_against()
         if self._turns.as_asked:
             self._misreported = round(RENEWED_S / PERIOD_S)
@@ -234,7 +233,7 @@ class ReversedMonitor:
         newest = asked[-self._of.answer :]
         outside = not min(asked) - apart <= motor <= max(asked) + apart
         mirrored = min(newest) - apart < -motor < max(newest) + apart
-        return outside and mirrored and side * (self._reported[0] - motor) > apart
+        return outside and mirrored and side * (self._reported[0] - self._reported[-1]) > apart
 
     def _moves_against(self) -> bool:
         """Whether it goes to the other side as its command moves, however slowly and however late it may be, and

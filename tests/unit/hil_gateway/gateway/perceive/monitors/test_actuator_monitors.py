@@ -140,6 +140,19 @@ def test_reversed_steering_is_told_although_its_sensor_is_off() -> None:
     assert 100 < found_after(reported, steering, weave, zero=-offset / CAR.steering_ratio) < 160
 
 
+def test_a_zero_that_is_learnt_anew_is_no_movement_of_the_report() -> None:
+    """The command moves by a step of its resolution, the report follows, and the zero jumps by some."""
+    rig = Rig()
+    rig.run(0.05)
+    state, monitor = rig.gateway.seen[0], ReversedMonitor(load_car())
+    for tick in range(100):
+        asked, reported = STEP_RAD * (tick > 50), STEP_RAD * (tick > 50 + LATE)
+        now = state.model_copy(update={"steer": reported / CAR.steering_ratio})
+        zero = -6.0 * STEP_RAD * (tick > 60) / CAR.steering_ratio
+        monitor.step(now, Motion(SPEED), ActuatorPositions(asked, 0.0, 0.0, 0.0, 6), zero, keeps=False)
+        assert not monitor.against
+
+
 def test_reversed_steering_is_told_while_the_car_begins_to_turn() -> None:
     def reverse(tick: int) -> float:
         return -hairpin(tick - LATE)
