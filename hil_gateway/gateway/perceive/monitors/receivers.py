@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Sequence
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -26,6 +25,7 @@ from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, UNSEEN_S, Cond
 from hil_gateway.gateway.perceive.positions.fixes import Fixes, latest_s
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.observer.bank import CHANCE, GATE
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.geodesy import LocalMap
 
@@ -38,12 +38,8 @@ BOTH = -NormalDist().inv_cdf(math.sqrt(CHANCE))
 """deviations that each of two exceeds by chance as rarely as one does `GATE`"""
 
 
-Vector = tuple[float, float]
-"""east and north, in the map"""
-
-
-def _there(fixes: Fixes, t: float) -> tuple[Vector, Vector] | None:
-    """Place (m) and velocity (m/s) in the map by the fixes at `t` (s); None where none are near.
+def _there(fixes: Fixes, t: float) -> tuple[Array, Array] | None:
+    """Place (m) and velocity (m/s) in the map by the fixes at `t` (s), (2,) each; None where none are near.
 
     The velocity is less by what noise may make of it: a car that stands would seem to move, and its receivers to be
     late by what noise says.
@@ -52,40 +48,26 @@ def _there(fixes: Fixes, t: float) -> tuple[Vector, Vector] | None:
     if not len(times) or t - CHORD_S < times[0] or t > times[-1] + OLDEST_S:
         return None
     later = min(t + CHORD_S, times[-1])
-    place, before, after = np.interp([t, later - 2.0 * CHORD_S, later], times, places).tolist()
-    way = after - before
-    noise = math.sqrt(2.0) * GATE * fixes.noise
-    velocity = way / (2.0 * CHORD_S) * (1.0 - (noise / max(abs(way), noise)) ** 2)
-    return (place.real, place.imag), (velocity.real, velocity.imag)
+    east_north = np.array([[z.real, z.imag] for z in np.interp([t, later - 2.0 * CHORD_S, later], times, places)])
+    way = east_north[2] - east_north[1]
+    noise, length = math.sqrt(2.0) * GATE * fixes.noise, math.hypot(*way)
+    return east_north[0], way / (2.0 * CHORD_S) * (1.0 - (noise / max(length, noise)) ** 2)
 
 
 class _Known(NamedTuple):
-    """What is known at a time (s) of an offset (m, east and north) and a lateness (s): means and covariances."""
+    """What is known at a time (s) of an offset (m, east and north) and a lateness (s): mean (3,), covariance (3, 3)."""
 
     t: float
-    means: list[float]
-    spread: list[list[float]]
+    mean: Array
+    covariance: Array
 
-    def after(self, by: Sequence[float], value: float, variance: float) -> tuple[_Known, float]:
-        """With one number read that is `by` times them: a step of a Kalman filter; and how far it was off, squared,
-        over its variance."""
-        gains = [_product(row, by) for row in self.spread]
-        whole, off = variance + _product(gains, by), value - _product(self.means, by)
-        means = [mean + gain * off / whole for mean, gain in zip(self.means, gains, strict=True)]
-        spread = [
-            [was - gain * other / whole for was, other in zip(row, gains, strict=True)]
-            for row, gain in zip(self.spread, gains, strict=True)
-        ]
-        return _Known(self.t, means, spread), off * off / whole
-
-    def along(self, x: float, y: float) -> float:
-        """Variance of the offset in a direction, m2."""
-        (xx, xy, _), (_, yy, _), _ = self.spread
-        return xx * x * x + 2.0 * xy * x * y + yy * y * y
-
-
-def _product(a: Sequence[float], b: Sequence[float]) -> float:
-    return sum([x * y for x, y in zip(a, b, strict=True)])
+    def after(self, by: Array, value: float, variance: float) -> tuple[_Known, float]:
+        """With one number read that is `by` (3,) times them: a step of a Kalman filter; and how far it was off,
+        squared, over its variance."""
+        gains = self.covariance @ by
+        whole, off = variance + float(gains @ by), value - float(self.mean @ by)
+        covariance = self.covariance - np.outer(gains, gains) / whole
+        return _Known(self.t, self.mean + gains * off / whole, covariance), off * off / whole
 
 
 class _Receiver:
@@ -100,15 +82,15 @@ class _Receiver:
         self._walk = 2.0 * self._wander**2 / self._declared.wander_time
         """m2 that the variance of the offset grows a second, of a receiver that is a deviation worse than declared"""
         self._stamp_ns: int | None = None
-        self._read = (0.0, 0.0)
+        self._read = 0.0, 0.0
         self._kept: deque[_Known] = deque()
         self._begin()
 
     def _begin(self) -> None:
         """Nothing is known of it."""
-        east_north, late_s, std_s = self._wander**2, *self._late
-        spread = [[east_north, 0.0, 0.0], [0.0, east_north, 0.0], [0.0, 0.0, std_s**2]]
-        self._known = _Known(0.0, [0.0, 0.0, late_s], spread)
+        late_s, std_s = self._late
+        covariance = np.diag([self._wander**2, self._wander**2, std_s**2])
+        self._known = _Known(0.0, np.array([0.0, 0.0, late_s]), covariance)
         self._kept.clear()
 
     def step(self, now_ns: int, builder: VehicleStateBuilder) -> bool:
@@ -123,30 +105,30 @@ class _Receiver:
         t, since_s = stamp_ns / NS_PER_S, 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / NS_PER_S
         self._stamp_ns = stamp_ns
         read = self._map.to_map_radians(builder.value(self._latitude), builder.value(self._longitude))
-        there = _there(builder.fixes, t - self._known.means[2]) if read != self._read else None
+        there = _there(builder.fixes, t - self._known.mean[2]) if read != self._read else None
         self._read = read
         if there is None:  # it hangs, or there are no fixes
             self._kept.clear()
             return False
-        self._compare(read, *there, since_s)
+        self._compare(np.array(read), *there, since_s)
         self._kept.append(self._known._replace(t=t))
         while self._kept[-1].t - self._kept[0].t > WINDOWS_S[-1]:
             self._kept.popleft()
         return True
 
-    def _compare(self, read: Vector, place: Vector, velocity: Vector, since_s: float) -> None:
+    def _compare(self, read: Array, place: Array, velocity: Array, since_s: float) -> None:
         """One step of the filter: a reading is where the fixes were `lateness` before, and `offset` beside it."""
-        _, means, (east, north, late) = self._known
-        grown = self._walk * since_s
-        spread = [[east[0] + grown, *east[1:]], [north[0], north[1] + grown, north[2]], late]
-        known, noise, late_s, off = _Known(0.0, means, spread), self._declared.noise**2, means[2], 0.0
-        for axis, by in enumerate(((1.0, 0.0, -velocity[0]), (0.0, 1.0, -velocity[1]))):
-            known, more = known.after(by, read[axis] - place[axis] - velocity[axis] * late_s, noise)
+        _, mean, covariance = self._known
+        grown = np.diag([self._walk * since_s, self._walk * since_s, 0.0])
+        known, off = _Known(0.0, mean, covariance + grown), 0.0
+        beside = read - place - velocity * mean[2]
+        for value, by in zip(beside, np.column_stack([np.eye(2), -velocity]), strict=True):
+            known, more = known.after(by, float(value), self._declared.noise**2)
             off += more
         if off > GATE**2:  # it has jumped
             self._begin()
             return
-        known.means[2] = min(max(known.means[2], 0.0), self.latest_s)
+        known.mean[2] = min(max(known.mean[2], 0.0), self.latest_s)
         self._known = known
 
     @property
@@ -158,16 +140,16 @@ class _Receiver:
         """What was known at the beginning of a window."""
         return self._kept[bisect_left(self._kept, -window_s, key=lambda known: known.t - self._kept[-1].t)]
 
-    def moved(self, window_s: float) -> Vector:
-        """How far the filter has moved the offset since then, m."""
-        (x0, y0, _), (x1, y1, _) = self.before(window_s).means, self._kept[-1].means
-        return x1 - x0, y1 - y0
+    def moved(self, window_s: float) -> Array:
+        """How far the filter has moved the offset since then, m, (2,)."""
+        return self._kept[-1].mean[:2] - self.before(window_s).mean[:2]
 
-    def by_chance(self, window_s: float, x: float, y: float) -> float:
-        """With what variance chance moves it in a direction, m2: by what has become more certain since then, and what
-        the offset wanders."""
+    def by_chance(self, window_s: float, way: Array) -> float:
+        """With what variance chance moves it in a direction (2,), m2: by what has become more certain since then, and
+        what the offset wanders."""
         before, now = self.before(window_s), self._kept[-1]
-        return before.along(x, y) - now.along(x, y) + (now.t - before.t) * self._walk
+        surer = (before.covariance - now.covariance)[:2, :2]
+        return float(way @ surer @ way) + (now.t - before.t) * self._walk
 
 
 class OtherReceivers:
@@ -193,14 +175,12 @@ class OtherReceivers:
 
     def _judge(self, window_s: float) -> float:
         """Of the bound, what the one shows that has moved less the way of both."""
-        both = [receiver.moved(window_s) for receiver in self._receivers]
-        x, y = (one + other for one, other in zip(*both, strict=True))
-        way = math.hypot(x, y)
-        if way == 0.0:
+        both = np.array([receiver.moved(window_s) for receiver in self._receivers])
+        way = both.sum(axis=0)
+        length = math.hypot(*way)
+        if length == 0.0:
             return 0.0
-        x, y = x / way, y / way
-        variances = [receiver.by_chance(window_s, x, y) for receiver in self._receivers]
-        if min(variances) <= 0.0:  # a first reading has moved nothing
+        variances = np.array([receiver.by_chance(window_s, way / length) for receiver in self._receivers])
+        if variances.min() <= 0.0:  # a first reading has moved nothing
             return 0.0
-        ahead = [_product(moved, (x, y)) for moved in both]
-        return min(a / math.sqrt(variance) for a, variance in zip(ahead, variances, strict=True)) / BOTH
+        return float((both @ way / length / np.sqrt(variances)).min()) / BOTH
