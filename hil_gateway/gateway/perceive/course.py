@@ -11,9 +11,12 @@ import cmath
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, JITTER_S, SILENT_S
 from hil_gateway.observer.bank import GATE
 from hil_gateway.observer.observer import SLOWEST
+from hil_gateway.process.arrays import Array
 
 COURSE_WINDOW = 38
 """periods of the gateway that the fixes behind a course span: fewer let noise through, more answer late"""
@@ -48,26 +51,16 @@ class Parabola(NamedTuple):
     half: complex
 
     @classmethod
-    def fitted(cls, times: list[float], places: list[complex]) -> Parabola:
-        """Least squares, by polynomials 1, p, q that are orthogonal on these times."""
-        count, middle = len(times), sum(times) / len(times)
-        p = [t - middle for t in times]
-        spread = sum(t * t for t in p)
-        skew, mean = sum(t**3 for t in p) / spread, spread / count
-        q = [t * t - skew * t - mean for t in p]
-        level = sum(places) / count
-        slope = sum(t * z for t, z in zip(p, places, strict=True)) / spread
-        bent = sum(t * t for t in q)
-        half = sum(t * z for t, z in zip(q, places, strict=True)) / bent
-        place = level - slope * middle + half * (middle**2 + skew * middle - mean)
-        return cls(place, slope - half * (2.0 * middle + skew), half)
+    def fitted(cls, times: Array, places: Array) -> Parabola:
+        """Least squares; arrays (n,)."""
+        return cls(*np.linalg.lstsq(np.vander(times, 3, increasing=True), places, rcond=None)[0].tolist())
 
-    def scatter(self, times: list[float], places: list[complex], noise: float) -> float:
+    def scatter(self, times: Array, places: Array, noise: float) -> float:
         """Of those places at those times beside it, over what `noise` (m) and fixes that come late explain."""
-        ahead = self.velocity / abs(self.velocity)
-        off = [(place - self.at(t)) / ahead for t, place in zip(times, places, strict=True)]
-        along, across = math.hypot(*(o.real for o in off)), math.hypot(*(o.imag for o in off))
-        return max(along / (JITTER_S * abs(self.velocity)), across / (GATE * noise)) / math.sqrt(len(times))
+        speed = abs(self.velocity)
+        off = (places - self.place - times * (self.velocity + times * self.half)) / (self.velocity / speed)
+        along, across = np.linalg.norm(off.real), np.linalg.norm(off.imag)
+        return float(max(along / (JITTER_S * speed), across / (GATE * noise))) / math.sqrt(len(times))
 
     def at(self, t: float) -> complex:
         """Place then."""

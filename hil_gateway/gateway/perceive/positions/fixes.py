@@ -73,10 +73,10 @@ class Fixes:
         return np.array([stamp / NS_PER_S for stamp, _ in self._newest]), np.array([place for _, place in self._newest])
 
     def _fitted(self) -> Parabola | None:
-        places = [place for _, place in self._fitting]
-        times = [(stamp - self.stamp_ns) / NS_PER_S for stamp, _ in self._fitting]
-        if len(times) < LEAST_FIXES or sorted(set(times)) != times:
+        times, places = (np.array(column) for column in zip(*self._fitting, strict=True))
+        since = (times - self.stamp_ns) / NS_PER_S
+        if len(times) < LEAST_FIXES or (np.diff(times) <= 0).any():
             return None
-        fit = Parabola.fitted(times, places)
+        fit = Parabola.fitted(since, places)
         slow = abs(fit.velocity) < SLOWEST
-        return None if slow or fit.scatter(times, places, self.noise) > 1.0 else fit
+        return None if slow or fit.scatter(since, places, self.noise) > 1.0 else fit
