@@ -2,8 +2,8 @@
 
 A step, a receiver that repeats its last fix, a delay, noise of a lost correction service and a second sender all put
 fixes where the car cannot have gone; a ramp adds up. Where the heading is not known, or says little yet, a fix lies no
-further on than the car has gone. Of one that hardly moves it is judged by the fix before: wheels that show a little
-while a car stands would add up to a way. A drift below 12 % of the speed does not show, heading and rolling radius
+further on than the car has gone. The fixes of a car that hardly moves are judged by each other: wheels that show a
+little while it stands would add up to a way. A drift below 12 % of the speed does not show, heading and rolling radius
 explain it: only other receivers do (`receivers.py`).
 """
 
@@ -38,7 +38,7 @@ class PositionMonitor:
         """`noise` of a fix, m."""
         self._tolerance, self._apart = apart_at_most(noise), apart_at_most(math.sqrt(2.0) * noise)
         self._at, self._way = 0j, math.inf
-        """newest fix that a car that hardly moves can have come from, and its way since then, m"""
+        """newest fix that is not refused in a car that hardly moves, and its way since then, m"""
         self._level = 0.0
         self._seq = 0
         self._moves = False
@@ -98,6 +98,7 @@ class PositionMonitor:
             since_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
             self._fix_ns = now_ns
             self._count(self._off(state.position_x, state.position_y, reckoned, since_s))
+            self._at, self._way = complex(state.position_x, state.position_y), 0.0
         self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
 
     def _creep(self, came: bool, state: VehicleState, speed: float, judges: bool) -> None:
@@ -106,7 +107,7 @@ class PositionMonitor:
         self._level = self._level if judges else 0.0
         if came and judges:
             self._count(abs(fix - self._at) / (self._apart + self._way))
-        if came and (self.fits or not judges):
+        if came and (self.fits or self.wrong or not judges):
             self._at, self._way = fix, 0.0
 
     def _count(self, off: float) -> None:

@@ -26,7 +26,7 @@ Place = Callable[[float, float], float]
 
 def judged(
     speed: float, decelerating: float, says: Place, late_s: float = 0.0, heading: bool = True,
-    *, rolling: float = 1.0, stopping: bool = False, slip: float = 0.0,
+    *, rolling: float = 1.0, stopping: bool = False, slip: float = 0.0, least: float = 12.0,
 ) -> PositionMonitor:  # fmt: skip
     """A car on a straight whose wheels go with `rolling` of its speed, with its nose off by its side `slip` (rad), a
     fix every 50 ms, of which every thirteenth is late; where its heading is not known it is reckoned to go back."""
@@ -38,7 +38,7 @@ def judged(
     monitor, x, seq, coming = PositionMonitor(0.02), 0.0, state.position_seq, deque[tuple[float, float]]()
     for tick in range(round(SECONDS / PERIOD_S)):
         t = tick * PERIOD_S
-        now = max(speed - decelerating * t, min(speed, 12.0))
+        now = max(speed - decelerating * t, min(speed, least))
         x += now * PERIOD_S
         if tick % round(FIX_S / PERIOD_S) == 0:
             late = round(t / FIX_S) % 13 == 7
@@ -101,7 +101,15 @@ def test_scatter_within_the_bound_of_a_single_fix_adds_up() -> None:
 @pytest.mark.parametrize("heading", [True, False])
 def test_a_slow_car_is_where_it_can_have_gone(speed: float, heading: bool) -> None:
     assert not judged(speed, 0.0, lambda t, x: x, 0.04, heading).wrong
-    assert judged(speed, 0.0, lambda t, x: x + 4.0 * (t > 5.0), 0.0, heading).wrong
+    assert judged(speed, 0.0, lambda t, x: x + 4.0 * (t > 5.0), 0.0, heading).source
+
+
+def test_a_car_that_rolls_out_is_not_judged_by_where_it_set_off() -> None:
+    """Its wheels show 1 % less than it goes."""
+    for decelerating in (0.5, 1.0, 4.0):
+        monitor = judged(5.0, decelerating, lambda t, x: x, rolling=0.99, least=0.1)
+        assert not monitor.source
+        assert not monitor.suspect
 
 
 def test_wheels_that_show_a_little_while_the_car_stands_contradict_no_fix() -> None:
