@@ -25,7 +25,7 @@ the less grip the force across leaves (friction circle).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -71,8 +71,6 @@ class LateralPeriod(NamedTuple):
     braked_rear: float
     pushing: float
     """m/s2 by the engine, as declared"""
-    lasting: float
-    """m/s2 by which brakes and engine may act more than they ask by now, as they are late"""
     gravity_across: float
     """g sin(bank) of the map, m/s2"""
     front: float
@@ -187,13 +185,9 @@ class Turning:
         return self.u.front, self.u.rear, ca.SX(0.0), self.u.yaw_rate, self.u.ay
 
     def variances(self, x: Expr, known: Known) -> tuple[Expr, ...]:
-        """An IMU that is turned or ahead of its place feels other forces, too; wheels slip by forces that are late."""
-        n, s, car = NOISE, self._sensing, self.car
-        late = (was - now for was, now in zip(self._slipping(x, self.u.lasting), self._slipping(x), strict=True))
-        wheels = [
-            n.wheels**2 + 2.0 * (s.wheel / track) ** 2 + apart**2
-            for track, apart in zip((car.track_front, car.track_rear), late, strict=True)
-        ]
+        """An IMU that is turned or ahead of its place feels other forces, too."""
+        n, s = NOISE, self._sensing
+        wheels = [n.wheels**2 + 2.0 * (s.wheel / track) ** 2 for track in (self.car.track_front, self.car.track_rear)]
         along = self._braking + self.u.pushing
         ay = BODY**2 + s.force**2 + (s.turn * along) ** 2 + (s.ahead * self._turning(x, known)) ** 2
         return *wheels, n.slide**2 * n.slide_s / self.u.dt, VIBRATION**2 + s.rate**2, ay
@@ -210,7 +204,7 @@ class Turning:
         across = [fitted(ca.tanh, angle, x, known) for angle in self._angles(x)]
         kept = [
             fitted(partial(left_of_both, lean), used, x, known)
-            for used, lean in zip(self._used(x, self._along(x)), self._leans(x), strict=True)
+            for used, lean in zip(self._used(x), self._leans(x), strict=True)
         ]
         return [one.times(other) for one, other in zip(across, kept, strict=True)]
 
@@ -232,12 +226,11 @@ class Turning:
         across, tracks = x[H] * self.u.speed * ca.fabs(x[R]), (self.car.track_front, self.car.track_rear)
         return [2.0 * across / (track * load) for track, load in zip(tracks, self._loads(x), strict=True)]
 
-    def _slipping(self, x: Expr, more: Any = 0.0) -> list[Expr]:
-        """By which the wheels of both axles slip apart, rad/s, that carry by so much `more` along, m/s2."""
+    def _slipping(self, x: Expr) -> list[Expr]:
+        """By which the wheels of both axles slip apart, rad/s."""
         n, car, across = NOISE, self.car, map(ca.tanh, self._angles(x))
-        along = [ca.fabs(a) + more for a in self._along(x)]
-        slips = (YIELDS * a / load for a, load in zip(along, self._loads(x), strict=True))
-        parts = zip(slips, self._used(x, along), across, (car.track_front, car.track_rear), strict=True)
+        slips = (YIELDS * ca.fabs(a) / load for a, load in zip(self._along(x), self._loads(x), strict=True))
+        parts = zip(slips, self._used(x), across, (car.track_front, car.track_rear), strict=True)
         return [
             n.slip + (n.slip_share * slip / left(side) + n.slip_at_limit * used**4) * self.u.speed / track
             for slip, used, side, track in parts
@@ -248,9 +241,9 @@ class Turning:
         front, rear = (gripped(load, self._fades) for load in self._loads(x))
         return x[MUF] * front, x[MUR] * rear
 
-    def _used(self, x: Expr, along: Sequence[Expr]) -> list[Expr]:
-        """Share of the grip along that engine and brakes use of both axles, m/s2 `along`."""
-        return [ca.fmin(x[ELLIPSE] * a / limit, 1.0) for a, limit in zip(along, self._limits(x), strict=True)]
+    def _used(self, x: Expr) -> list[Expr]:
+        """Share of the grip along that engine and brakes use of both axles."""
+        return [ca.fmin(x[ELLIPSE] * a / limit, 1.0) for a, limit in zip(self._along(x), self._limits(x), strict=True)]
 
     def _axles(self, x: Expr, known: Known) -> tuple[Expr, Expr]:
         """a_f, a_r, m/s2."""

@@ -107,12 +107,11 @@ class Observer:
         wheels, gain = state.sources["wheel_speeds"].valid, self._longitudinal.without.now[longitudinal.BRAKES]
         speeds = state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
         front, rear = lateral.rates_of_wheels(speeds, acts.steer, self._vehicle)
-        changed = max(self._asked) - min(self._asked)
-        lasting = max(map(abs, self._asked)) - abs(self._asked[-1])
         turning = lateral.LateralPeriod(
             PERIOD_S, speed, acts.steer, self._steer_rate, gain * acts.braked_front, gain * acts.braked_rear,
-            acts.pushing, lasting, gravity_across, front, rear, state.yaw_rate, state.ay, float(steers),
+            acts.pushing, gravity_across, front, rear, state.yaw_rate, state.ay, float(steers),
         )  # fmt: skip
+        changed = max(self._asked) - min(self._asked)
         self._lateral.step(turning, (wheels, wheels, True), imu)
         self._longitudinal.step(
             longitudinal.LongitudinalPeriod(PERIOD_S, acts.braking, acts.pushing, changed, rolled, state.ax),

@@ -236,17 +236,6 @@ def test_a_wheel_that_locks_under_the_brakes_does_not_make_the_imu_wrong(state: 
     assert imu < 0.5
 
 
-@pytest.mark.parametrize(("braking", "wrong"), [(12.0, False), (0.0, True)])
-def test_a_wheel_may_slip_while_brakes_that_are_let_go_still_act(
-    state: VehicleState, braking: float, wrong: bool
-) -> None:
-    drive = Drive(state)
-    drive.run(10.0)
-    drive.run(0.3, braking=braking)
-    imu, wheels = drive.run(0.06, lambda values: values | {"wheel_speed_fl": 0.94 * values["wheel_speed_fl"]})
-    assert (max(imu, wheels) > 1.0) is wrong
-
-
 @pytest.mark.parametrize("share", [0.8, 1.2])
 def test_wheels_of_one_side_that_are_a_fifth_wrong_are_found_and_not_the_imu(state: VehicleState, share: float) -> None:
     drive = Drive(state)
