@@ -1,10 +1,9 @@
 """The IMU against itself: readings that step as no car moves, and axes that have lost their noise.
 
 Mass and inertia make forces and rates change over some periods. A reading that is steady, differs by a lot in the next
-period and is steady there has another reason: an offset, a sign, a scale that went wrong. The engine's force alone
-steps too, as the gear changes. Noise of an axis is its own, and that of two does not fall by an order of magnitude
-while the car drives: what has lost it no longer measures. The observer finds either when the car next turns or brakes
-otherwise: in a bend, too late.
+period and is steady there has another reason: an offset, a sign, a scale that went wrong. Noise of an axis is its own,
+and that of two does not fall by an order of magnitude while the car drives: what has lost it no longer measures. The
+observer finds either when the car next turns or brakes otherwise: in a bend, too late.
 """
 
 from __future__ import annotations
@@ -45,7 +44,6 @@ class ImuMonitor:
         """rad/s by which both axles against each other change the yaw rate in a period"""
         self._readings: deque[tuple[float, float, float]] = deque(maxlen=2 * STEADY)
         """yaw rate, rad/s; lateral and longitudinal specific force, m/s2"""
-        self._gears: deque[int] = deque(maxlen=2 * STEADY)
         self._noise = tuple(_Noise(abs(reports[f"imu.{name}.{axis}"].scale)) for axis in ("yaw_rate", "ay", "ax"))
         self.found = False
 
@@ -62,21 +60,18 @@ class ImuMonitor:
         if imu.age_s >= PERIOD_S:  # it is the one before
             return
         self._readings.append((state.yaw_rate, state.ay, state.ax))
-        self._gears.append(state.gear)
         quiet = self._quiet()
         self.found = self.found or quiet or self._stepped()
 
     def _stepped(self) -> bool:
         """Whether the yaw rate has stepped by more than tyres make it, or two of the three, one of them the yaw rate or
-        to the other sign: on a patch of less grip both forces fall. As the gear changes, the force along the car and
-        the turn step alone."""
+        to the other sign: on a patch of less grip both forces fall."""
         if len(self._readings) < 2 * STEADY:
             return False
         turn, ay, ax = map(_step, zip(*self._readings, strict=True), self._least)
-        pushed = ax and len(set(self._gears)) == 1
         _, ay_before, ax_before = self._readings[STEADY - 1]
         mirrored = min(ay_before * (ay_before + ay), ax_before * (ax_before + ax)) < 0.0
-        return abs(turn) > self._kick or bool(turn and (ay or pushed)) or bool(ay and ax and mirrored)
+        return abs(turn) > self._kick or bool(turn and (ay or ax)) or bool(ay and ax and mirrored)
 
     def _quiet(self) -> bool:
         """Whether the noise of two axes has fallen; learns what is usual."""

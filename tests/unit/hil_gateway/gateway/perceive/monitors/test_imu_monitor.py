@@ -30,9 +30,6 @@ class Drive:
         self._state, self._rng = state, random.Random(1)
         self.monitor = ImuMonitor(car or load_car())
 
-    def shift(self) -> None:
-        self._state = self._state.model_copy(update={"gear": self._state.gear + 1})
-
     def read(self, turn: float, ay: float, ax: float, noise: float = 1.0, age_s: float = 0.0) -> bool:
         draw = self._rng.gauss
         yaw_rate = turn + noise * draw(0.0, GYRO_NOISE)
@@ -61,16 +58,6 @@ def test_less_grip_from_one_period_to_the_next_is_no_wrong_imu(state):
 
 def test_a_gear_shift_is_no_wrong_imu(state):
     assert not Drive(state).steps((0.0, 0.0, 6.0), (0.0, 0.0, -3.0))
-
-
-@pytest.mark.parametrize("shifts", [True, False])
-def test_a_gear_shift_turns_a_car_in_a_bend(state, shifts):
-    drive = Drive(state)
-    assert not any(drive.read(0.31, 10.7, 7.3) for _ in range(20))
-    if shifts:
-        drive.shift()
-        drive.read(0.31, 10.7, 7.3)
-    assert any(drive.read(0.26, 10.7, -1.0) for _ in range(STEADY)) is not shifts
 
 
 def _with_a_better_imu(car: Car) -> Car:
