@@ -13,7 +13,7 @@ import math
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
-from hil_gateway.gateway.perceive.course import LEAST_FIXES, apart_at_most
+from hil_gateway.gateway.perceive.course import apart_at_most
 from hil_gateway.gateway.perceive.dead_reckoning import Reckoned
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, UNSEEN_S, ConditionTime
 from hil_gateway.gateway.perceive.inbox import ESTIMATE_MAX_S
@@ -25,10 +25,9 @@ from hil_gateway.settings.gateway import PERIOD_S
 
 SHARE = 0.12
 """of the way, or of the speed, that fixes may differ by on average: slides (0.08), unequal rolling radii (0.05)"""
-WRONG = float(LEAST_FIXES)
-"""refused fixes in a row, as many as make a course: 0.2 s at 20 Hz. So many accepted ones make up for one of them:
-single outliers are forgotten, every second one is not. An accepted one counts by its squared distance, so that scatter
-adds up"""
+WRONG = 4.0
+"""refused fixes in a row, 0.2 s at 20 Hz; so many accepted ones make up for one of them: single outliers are forgotten,
+every second one is not. An accepted one counts by its squared distance, so that scatter adds up"""
 
 
 class PositionMonitor:
