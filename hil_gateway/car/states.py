@@ -42,6 +42,10 @@ class SysState(IntEnum):
     CRITICAL_LIMIT = 18
 
 
+STEERS = (SysState.DRIVING, SysState.EMERGENCY)
+"""in which the car follows steering commands"""
+
+
 class TrackFlag(IntEnum):
     """Flag shown to everybody."""
 

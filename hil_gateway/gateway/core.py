@@ -232,7 +232,8 @@ class Gateway:
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
         sent, limited = self._actor.step(Period(
             now_ns, state, motion, decision, command, pose, self._tyres.flat_front, self._tyres.flat_rear,
-            self.monitors.blind, self.monitors.steering_reversed, caution_speed(self.builder, self._caution_speed),
+            self.monitors.blind, self.monitors.turns, self.monitors.steering_reversed,
+            caution_speed(self.builder, self._caution_speed),
         ))  # fmt: skip
         self._reporter.measure_latency(now_ns, decision, command)
         self._bus.publish(topics.APPLIED, self._actor.applied(now_ns, self._seq, state, decision, sent, limited))

@@ -1,4 +1,5 @@
-"""A bank of filters: one with all sources, and two in turn that do without the IMU, each begun anew from the first.
+"""Filters of one model side by side, and a bank of them: one with all sources, and two in turn that do without the IMU,
+each begun anew from the first.
 
 A filter that does without a source is begun anew every few seconds: what the source is wrong by has not been in it for
 at least `RENEWED_S`. What the source shows beyond what it predicts, over the deviation of that, is chi-square
@@ -30,16 +31,16 @@ GATE = NormalDist().inv_cdf(1.0 - 0.5 * CHANCE)
 DOUBTED = -2.0 * math.log(0.01)
 """exceeded once in a hundred: no filter is begun anew, as what has been wrong for a second may be about to be found"""
 FILTERS = 3
-"""one with all sources, two without the IMU"""
+"""of a bank; or three steering angles that may be true"""
 
 
-def _unlikely(off: float) -> float:
-    """Negative log-likelihood of a reading that is so many deviations off; one that is not taken in counts as that."""
-    return 0.5 * min(off**2, GATE**2)
+def unlikely(square: float) -> float:
+    """Negative log-likelihood of what is off by so many deviations, squared; what is not taken in counts as that."""
+    return 0.5 * min(square, GATE**2)
 
 
 class FilterLane:
-    """One filter of a bank: views of its part of the arrays of all."""
+    """One filter of several: views of its part of the arrays of all."""
 
     def __init__(self, function: CompiledFunction, i: int) -> None:
         (means, covariances, _, uses), (_, _, off, fit), n = function.inputs, function.outputs, len(function.inputs[0])
@@ -58,22 +59,28 @@ class FilterLane:
         """Go on from where another one is."""
         self.mean[:], self.covariance[:], self.age_s, self.gains = other.mean, other.covariance, 0.0, 0.0
 
+    def unlikely(self, others: Sequence[bool]) -> float:
+        """Negative log-likelihood of what the `others` show that are used; the IMU's come after them."""
+        return sum([unlikely(off**2) for off, used in zip(self.off, others, strict=False) if used])
 
-class Bank:
-    """Filters of one model."""
+
+class Filters:
+    """`FILTERS` of one model, that step together."""
 
     def __init__(
-        self, function: CompiledFunction, numbers: Sequence[float], prior: tuple[Array, Array], fast: int, imu: int
-    ) -> None:
-        """`function` of `FILTERS`, which is given the `numbers` of the car after those of the period; `prior`: mean and
-        standard deviation of the states, of which the first `fast` are forgotten while the car stands; the last `imu`
-        measurements are the IMU's."""
+        self, function: CompiledFunction, numbers: Sequence[float], prior: tuple[Array, Array], fast: int, imu: int,
+        *, with_imu: int = 1,
+    ) -> None:  # fmt: skip
+        """`function` of `FILTERS`, of which the first `with_imu` take in the IMU; it is given the `numbers` of the car
+        after those of the period; `prior`: mean and standard deviation of the states, of which the first `fast` are
+        forgotten while the car stands; the last `imu` measurements are the IMU's."""
         self._function, self._fast, self._imu = function, fast, imu
         self._prior = prior[0], np.diag(prior[1] ** 2)
-        self.main, *self._lanes = (FilterLane(function, i) for i in range(FILTERS))
-        for lane in (self.main, *self._lanes):
+        self._all = [FilterLane(function, i) for i in range(FILTERS)]
+        self.main, *self._lanes = self._all
+        self._with_imu = self._all[:with_imu]
+        for lane in self._all:
             lane.mean[:], lane.covariance[:] = self._prior
-        self._moving = False
         self._used: tuple[bool, ...] = ()
         """measurements that were there in the last period"""
         given = function.inputs[2][:, 0]
@@ -83,6 +90,24 @@ class Bank:
             [array.reshape(-1, order="F").data for array in of[:2]] for of in (function.inputs, function.outputs)
         )
         """means and covariances of all filters: copied through views, several times quicker than arrays"""
+
+    def _step(self, period: Sequence[float], others: Sequence[bool], imu: bool) -> None:
+        """A period whose first entry is its length; which other measurements are there, and whether the IMU is."""
+        self._period.pack_into(self._given, 0, *period)
+        if self._used != (used := (*others, imu)):
+            self._used, uses = used, self._function.inputs[3]
+            uses[: -self._imu] = np.array(others)[:, np.newaxis]
+            for lane in self._with_imu:
+                lane.uses[-self._imu :] = imu
+        self._function()
+        for before, after in zip(self._before, self._after, strict=True):
+            before[:] = after
+
+
+class Bank(Filters):
+    """One filter with all sources, and two in turn that do without the IMU, each begun anew from the first."""
+
+    _moving = False
 
     @property
     def without(self) -> FilterLane:
@@ -94,19 +119,11 @@ class Bank:
         """A period whose first entry is its length; which other measurements are there, and whether the IMU is."""
         if not self._moving:
             self._begin()
-        self._period.pack_into(self._given, 0, *period)
-        if self._used != (used := (*others, imu)):
-            self._used, uses = used, self._function.inputs[3]
-            uses[: -self._imu] = np.array(others)[:, np.newaxis]
-            self.main.uses[-self._imu :] = imu
-        self._function()
-        for before, after in zip(self._before, self._after, strict=True):
-            before[:] = after
-        main = self.main.off
+        self._step(period, others, imu)
+        explained = self.main.unlikely(others)
         for lane in self._lanes:
             lane.age_s += period[0]
-            pairs = zip(lane.off, main, others, strict=False)  # without the IMU's
-            lane.gains += sum([_unlikely(own) - _unlikely(off) for own, off, used in pairs if used])
+            lane.gains += lane.unlikely(others) - explained
 
     def renew(self) -> None:
         """The IMU fits: what does without it may begin anew, when it is its turn."""

@@ -305,10 +305,15 @@ def rates_of_wheels(wheels: tuple[float, float, float, float], steer: float, car
     return (fr - fl) / (car.track_front * math.cos(steer)), (rr - rl) / car.track_rear
 
 
+def lateral_filters(car: Car) -> tuple[CompiledFunction, list[float], tuple[Array, Array], int, int]:
+    """What `Filters` of `Turning` are made of."""
+    mean, std = prior(car)
+    return _function().twin(), numbers_of(car, std[FAST:]), (mean, std), FAST, Turning.judged
+
+
 def lateral_bank(car: Car) -> Bank:
     """Filters of `Turning`."""
-    mean, std = prior(car)
-    return Bank(_function().twin(), numbers_of(car, std[FAST:]), (mean, std), FAST, Turning.judged)
+    return Bank(*lateral_filters(car))
 
 
 @cache

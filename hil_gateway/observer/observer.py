@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.observer import lateral, longitudinal
 from hil_gateway.observer.bank import CHANCE, DOUBTED, GATE
+from hil_gateway.observer.steering import SteeringHypotheses
 from hil_gateway.settings.gateway import PERIOD_S
 
 SLOWEST = 10.0
@@ -60,6 +62,7 @@ class Observer:
         self._vehicle, self._fades = car.vehicle, car.tyres.load_sensitivity
         self._declared: list[float] = lateral.prior(car)[0].tolist()
         self._lateral, self._longitudinal = lateral.lateral_bank(car), longitudinal.longitudinal_bank(car)
+        self.steering = SteeringHypotheses(car)
         self._asked = _lately(car.actuators.force_delay, car.std("actuators.force_delay"))
         """m/s2 by engine and brakes, of the time by which forces may be late"""
         self._steered = _lately(car.actuators.angle_delay, car.std("actuators.angle_delay"))
@@ -91,11 +94,12 @@ class Observer:
 
     def step(  # noqa: PLR0917 - what there is in a period
         self, state: VehicleState, speed: float, rolled: float, acts: Acts, gravity_across: float, imu: bool,
-        judges: bool, steers: bool,
+        judges: bool, steers: bool, angles: Sequence[float] | None = None,
     ) -> None:  # fmt: skip
         """`speed` of the car, and with which its wheels have `rolled`, m/s; `gravity_across` as the map has it, m/s2;
         whether the `imu` reports; whether what contradicts the rest `judges` it: steering, pedals and tyres are what
-        they are taken for; whether the car `steers` as `acts` says."""
+        they are taken for; whether the car `steers` as `acts` says; the road-wheel `angles` that it is asked for, None
+        where it does not obey or nothing tells whether it does."""
         self._steered.append(acts.steer)
         self._asked.append(acts.pushing - acts.braking)
         self._forget()
@@ -103,6 +107,7 @@ class Observer:
         if not self.runs:
             self._lateral.pause()
             self._longitudinal.pause()
+            self.steering.forget()
             return
         wheels, gain = state.sources["wheel_speeds"].valid, self._longitudinal.without.now[longitudinal.BRAKES]
         speeds = state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
@@ -113,6 +118,10 @@ class Observer:
         )  # fmt: skip
         changed = max(self._asked) - min(self._asked)
         self._lateral.step(turning, (wheels, wheels, True), imu)
+        if angles is None:
+            self.steering.forget()
+        else:
+            self.steering.step(turning, angles, (wheels, wheels, True), self._lateral.main)
         self._longitudinal.step(
             longitudinal.LongitudinalPeriod(PERIOD_S, acts.braking, acts.pushing, changed, rolled, state.ax),
             (wheels,),

@@ -25,6 +25,7 @@ from hil_gateway.gateway.decide.ladder_inputs import Flags
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
+from hil_gateway.observer.steering import SteeringHypotheses
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import CAUTION_DECELERATION
 from hil_gateway.track.track import Track
@@ -53,6 +54,8 @@ class Period(NamedTuple):
     """whether a tyre of that axle is flat"""
     blind: bool
     """whether no fixes hold the pose"""
+    turns: SteeringHypotheses
+    """by which angle the car does"""
     steering_reversed: bool
     """whether the steering goes to the other side than its command: a stop then asks for the other side"""
     caution_speed: float
@@ -137,7 +140,7 @@ class Actor:
     def _wanted(self, now: Period) -> ActuatorPositions:
         state, motion, command = now.state, now.motion, now.command
         gear = self._gears.step(now.now_ns, motion.speed, state.engine_speed, state.gear)
-        self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor), motion)
+        self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor))
         self._axles.watch(state, self.on_wire)
         driving = now.decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
@@ -162,11 +165,13 @@ class Actor:
         """Road-wheel angle (rad) and slip-ratio drive command of a stop."""
         cause, motion, pose = now.decision.failsafe.cause, now.motion, now.pose
         emergency = now.decision.action is FailsafeAction.EMERGENCY_STOP or cause in HARD
-        steers = cause != "steering_stuck" or now.steering_reversed or self._stuck.steers()
-        held = not steers and self._stuck.stands
+        stuck = cause == "steering_stuck" and not now.steering_reversed
+        if stuck:
+            self._stuck.judge(now.turns)
+        held = stuck and self._stuck.stands
         steer, drive = self.stopping.command(motion, pose, emergency, not held, brakes=cause not in UNBRAKED)
-        if not steers:
-            drive = -self._full_brakes if self._stuck.locks(motion, pose) else drive
+        if stuck and self._stuck.locks(motion, pose):
+            drive = -self._full_brakes
         return (-steer if now.steering_reversed else steer), drive
 
     def _paced(self, drive: float, now: Period) -> float:

@@ -17,9 +17,10 @@ import numpy as np
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.act.stop_path import CLEAR
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, SteeringReports, SteeringTurns, moved_share
+from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, SteeringReports
 from hil_gateway.gateway.perceive.monitors.road import BEYOND, NEAR
 from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.observer.steering import SteeringHypotheses
 from hil_gateway.settings.gateway import StopConfig, beside
 from hil_gateway.track.track import Track
 
@@ -33,11 +34,10 @@ class StuckSteering:
 
     def __init__(self, car: Car, config: StopConfig, track: Track | None) -> None:
         self._vehicle, self._track = car.vehicle, track
-        self._of, self._turns = SteeringReports(car), SteeringTurns(car)
         self._grip = partial(config.grip, car.vehicle)
         self._sliding = math.sin(0.5 * math.pi * car.tyres.c)
         """of the grip that tyres have when they slide: where their curve sin(c atan(b s)) ends"""
-        self._angles: deque[tuple[float, float]] = deque(maxlen=self._of.window)
+        self._angles: deque[tuple[float, float]] = deque(maxlen=SteeringReports(car).window)
         """reported and asked, rad at the road wheel"""
         self.stands = False
         """whether the car turns by the angle that is reported, which does not move as it is asked to: steering that is
@@ -46,30 +46,20 @@ class StuckSteering:
 
     def start(self) -> None:
         """A stop begins."""
-        self._locks = self._moves = self.stands = False
+        self._locks = self.stands = False
 
-    def watch(self, reported: float, asked: float, motion: Motion) -> None:
+    def watch(self, reported: float, asked: float) -> None:
         """Road-wheel angles of a period, rad; in every period, so that a stop begins with what is known."""
         self._angles.append((reported, asked))
-        self._turns.step(reported, asked, motion)
 
-    def steers(self) -> bool:
-        """Whether the steering works after all, and only its report is wrong; once a period of a stop.
-
-        A report that moves as the command does comes from steering that moves, whatever its offset; and one that hangs
-        is contradicted by a car that turns as it is asked to.
-        """
+    def judge(self, turns: SteeringHypotheses) -> None:
+        """Once a period of a stop: a report that hangs is contradicted by a car that `turns` as it is asked to."""
         reported, asked = np.array(self._angles).T
-        due = asked[: -self._of.late]
-        if due.size and due.std() > 0.5 * self._of.asked / self._of.ratio:  # as one that moves beyond play and noise
-            self._moves = moved_share(reported[self._of.late :], due) > MOVED_SHARE
-        answers = self._moves or self._turns.as_asked
         still = bool(reported.std() < MOVED_SHARE * asked.std())
-        self.stands = not answers and (self.stands or (still and self._turns.as_reported))
-        return not self._locks and answers
+        self.stands = not turns.as_asked and (self.stands or (still and turns.as_reported))
 
     def locks(self, motion: Motion, pose: Pose | None) -> bool:
-        """Whether to slide straight on, with all that the brakes give; after `steers`."""
+        """Whether to slide straight on, with all that the brakes give; after `judge`."""
         if pose is not None and self._track is not None and self.stands and not self._locks:
             margins = [self._margin(self._track, pose, motion.understeer, after_s) for after_s in SLIDES_AFTER_S]
             best = max(margins) == margins[0]

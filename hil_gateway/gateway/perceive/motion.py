@@ -9,6 +9,7 @@ from typing import NamedTuple
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
+from hil_gateway.car.states import STEERS
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
@@ -34,6 +35,8 @@ SPIN_LEAST = 0.6
 """front over rear wheels' speed: driven wheels do not spin by more than two thirds; less is a dead front sensor"""
 LEARNT = PERIOD_S / RENEWED_S
 """weight of a period: what is learnt is as old as what the observer judges an IMU by"""
+ANSWER = 2
+"""times delay, lag and report of the steering within which it need not have answered yet"""
 
 
 def periods_late(car: Car) -> int:
@@ -114,8 +117,9 @@ class MotionReader:
         self._steered = 0.0
         """yaw rate that the steering comes to by now, rad/s"""
         self._last_ns: int | None = None
-        self._asked: deque[float] = deque(maxlen=periods_late(car))
-        """steering angles on the wire, rad at the motor, the oldest of which the steering has reached"""
+        self._late = periods_late(car)
+        self._asked: deque[float] = deque([0.0] * ANSWER * self._late, maxlen=ANSWER * self._late)
+        """steering angles on the wire, rad at the motor, the oldest of which any steering has reached"""
         self._observed: deque[tuple[float, float]] = deque(maxlen=COURSE_WINDOW)
         """yaw rates by the observer in the periods a course spans, rad/s, and by it without the IMU"""
         self.motion = Motion()
@@ -133,7 +137,7 @@ class MotionReader:
         slip = slipped(acts.braking, self._vehicle.pressed(self.motion.speed))
         rolled = self._second_fastest(state) * (1.0 + slip)
         speed = self._speed(state, dt, rolled, acts, course, commanded)
-        self._observe(state, speed, rolled, acts)
+        self._observe(state, speed, rolled, acts, commanded)
         if self._gyro(state) and self._wheels(state) and speed > SLOWEST:
             self._learn(state, speed, acts)
         self._steered += self._turn_in.follows(dt, speed) * (self._turn_of(acts, speed) - self._steered)
@@ -157,7 +161,7 @@ class MotionReader:
     def _acts(self, state: VehicleState, commanded: ActuatorPositions | None) -> Acts:
         """As reported, else as asked for."""
         reported = state.sources["steering"].valid
-        steer = state.steer if reported else self._asked[0] / self._vehicle.steering_ratio
+        steer = state.steer if reported else self._asked[-self._late] / self._vehicle.steering_ratio
         if state.sources["pedals"].valid:
             return Acts(steer, *self._braked(state), max(state.drive, 0.0) * self._per_drive)
         return Acts(steer, *(self._braked(commanded) if commanded else (0.0, 0.0)), 0.0)
@@ -166,11 +170,17 @@ class MotionReader:
         front, rear = self._per_pa
         return pressures.brake_front * front, pressures.brake_rear * rear
 
-    def _observe(self, state: VehicleState, speed: float, rolled: float, acts: Acts) -> None:
+    def _observe(
+        self, state: VehicleState, speed: float, rolled: float, acts: Acts, commanded: ActuatorPositions | None
+    ) -> None:
         judged, sources = self.judged, state.sources
         imu = sources["imu"].valid and not judged.imu_gone
         known = sources["steering"].valid and sources["pedals"].valid and not judged.imu_gone and judged.tyres
-        self._observer.step(state, speed, rolled, acts, judged.gravity_across, imu, known, judged.steers)
+        obeys = commanded is not None and state.sys_state in STEERS and known and self._gyro(state)
+        angles = [self._asked[-late] / self._vehicle.steering_ratio for late in (self._late, ANSWER * self._late)]
+        self._observer.step(
+            state, speed, rolled, acts, judged.gravity_across, imu, known, judged.steers, angles if obeys else None,
+        )  # fmt: skip
         if self._observer.runs:
             self._observed.append(self._observer.yaw_rates)
         else:

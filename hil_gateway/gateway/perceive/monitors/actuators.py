@@ -12,16 +12,16 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
-from hil_gateway.gateway.perceive.motion import BRAKED, Motion, periods_late
+from hil_gateway.gateway.perceive.motion import ANSWER, BRAKED, periods_late
 from hil_gateway.observer.bank import GATE, RENEWED_S
 from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.observer.observer import SLOWEST
+from hil_gateway.observer.steering import SteeringHypotheses
 from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import PERIOD_S
 
-ANSWER, WINDOW = 2, 4
-"""times delay, lag and report of the steering within which it need not have answered yet; and of whose commands one
-has been reached: five time constants"""
+WINDOW = 4
+"""times delay, lag and report of the steering of whose commands one has been reached: five time constants"""
 PEDALS = 0.12
 """of the full accelerator, and of the full pressure of a brake: scatter of pads and lines"""
 BRAKED_SHARE = 0.3
@@ -84,10 +84,11 @@ class FollowingMonitor:
         self._steering, self._pedals = ConditionTime(), ConditionTime()
 
     def step(
-        self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None, against: bool
+        self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None, against: bool, told: bool
     ) -> tuple[float, float]:
         """How long what steering and pedals report has been outside of their commands, or the steering moves `against`
-        its own, s. `commanded` stands on the wire; None while nothing is sent or the car does not obey."""
+        its own, s. `commanded` stands on the wire; None while nothing is sent or the car does not obey. Whether it is
+        `told` that the car turns by its command and not by its report, or the reverse: then no offset excuses it."""
         if commanded is None:
             self._commands.clear()
             self._standing = _StandingSteering(self._of)
@@ -98,7 +99,8 @@ class FollowingMonitor:
         self.obeyed = self._commands if full else ()
         motor = state.steer * self._of.ratio
         steers = full and state.sources["steering"].valid
-        steers = steers and (against or self._standing.found or self._outside(motor, "steering_motor", self._of.apart))
+        apart = 0.0 if told else self._of.apart
+        steers = steers and (against or self._standing.found or self._outside(motor, "steering_motor", apart))
         pedals = full and state.sources["pedals"].valid
         pedals = pedals and (
             self._outside(state.brake_front, "brake_front", self._brakes)
@@ -126,61 +128,6 @@ def moved_share(done: Array, asked: Array) -> float:
     return float(np.mean((asked - asked.mean()) * (done - done.mean())) / least_squares) if least_squares else 0.0
 
 
-class SteeringTurns:
-    """Whether the car turns by the angle that its steering reports, or by the one that it is asked for.
-
-    An angle comes to r = v (tan(delta) - K a_y) / L, and by a change of it the yaw rate changes by v / (L + K v^2);
-    the force that is felt tells the understeer K on a bank, too.
-    """
-
-    def __init__(self, car: Car) -> None:
-        self._vehicle, self._turn_in = car.vehicle, car.turn_in
-        self._judged_s = car.actuators.steering_late
-        """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
-        self._apart = 2.0 * sound_imu_within(car)[0]
-        """rad/s by which one of the angles must explain the yaw rate better than the other: either may be off by as
-        much as a sound gyro"""
-        self._asked_lately: deque[float] = deque(maxlen=periods_late(car) + 1)
-        self._reported = self._asked = 0.0
-        """that the car has had the time to turn with, rad"""
-        self._reported_off = self._asked_off = 0.0
-        """of the yaw rate from what the angles come to, lately, rad/s; none while no gyro tells"""
-
-    def forget(self) -> None:
-        """The car does not obey, or nothing is reported."""
-        self._asked_lately.clear()
-        self._reported_off = self._asked_off = 0.0
-
-    def step(self, reported: float, asked: float, motion: Motion) -> None:
-        """Road-wheel angles of a period, rad. A stop begins with a command that jumps, and a car that obeys it is not
-        stuck because it has not turned yet."""
-        if not self._asked_lately:
-            self._reported, self._asked = reported, asked
-        self._asked_lately.append(asked)
-        share, speed = self._turn_in.follows(PERIOD_S, motion.speed), max(motion.speed, 1.0)
-        self._reported += share * (reported - self._reported)
-        self._asked += share * (self._asked_lately[0] - self._asked)
-        gain = self._vehicle.turns(motion.speed, motion.understeer)
-        shown = self._vehicle.wheelbase * motion.yaw_rate / speed + motion.understeer * motion.ay
-        by_report, by_command = (shown - math.tan(angle) for angle in (self._reported, self._asked))
-        if not motion.by_gyro:
-            self._reported_off = self._asked_off = 0.0
-            return
-        lately = PERIOD_S / (self._judged_s + PERIOD_S)
-        self._reported_off += lately * (gain * abs(by_report) - self._reported_off)
-        self._asked_off += lately * (gain * abs(by_command) - self._asked_off)
-
-    @property
-    def as_reported(self) -> bool:
-        """Whether the reported angle explains the yaw rate better."""
-        return self._reported_off + self._apart < self._asked_off
-
-    @property
-    def as_asked(self) -> bool:
-        """Whether the commanded one does."""
-        return self._asked_off + self._apart < self._reported_off
-
-
 class ReversedMonitor:
     """Steering that goes to the other side than its command: the sensor says so, and the car turns that way.
 
@@ -189,7 +136,7 @@ class ReversedMonitor:
     """
 
     def __init__(self, car: Car) -> None:
-        self._of, self._turns = SteeringReports(car), SteeringTurns(car)
+        self._of = SteeringReports(car)
         self._reported: deque[float] = deque(maxlen=self._of.window)
         self._asked: deque[float] = deque(maxlen=self._of.window)
         self.against = False
@@ -200,31 +147,31 @@ class ReversedMonitor:
         """for so many periods it is known that the report is reversed, as the car turned as it was asked to: what
         contradicts that later is a slide"""
 
-    def step(
-        self, state: VehicleState, motion: Motion, commanded: ActuatorPositions | None, steer_zero: float, keeps: bool
-    ) -> None:
-        """`commanded` stands on the wire, None while the car does not obey; `steer_zero` as learnt, rad at the road
-        wheel; once a period. What is found `keeps` in a stop, and while the steering is off its command."""
-        self.against, self.found = False, self.found and keeps and motion.speed > 0.0
-        self._misreported = max(self._misreported - (not keeps), 0) if motion.speed > 0.0 else 0
+    def step(  # noqa: PLR0917 - what it is judged by
+        self, state: VehicleState, turns: SteeringHypotheses, speed: float, commanded: ActuatorPositions | None,
+        steer_zero: float, keeps: bool,
+    ) -> None:  # fmt: skip
+        """By which angle the car `turns`; `commanded` stands on the wire, None while the car does not obey;
+        `steer_zero` as learnt, rad at the road wheel; once a period. What is found `keeps` in a stop, and while the
+        steering is off its command."""
+        self.against, self.found = False, self.found and keeps and speed > 0.0
+        self._misreported = max(self._misreported - (not keeps), 0) if speed > 0.0 else 0
         if commanded is None or not state.sources["steering"].valid:
             self._asked.clear()
             self._reported.clear()
-            self._turns.forget()
             return
         steer, asked = state.steer + steer_zero, commanded.steering_motor
-        self._turns.step(steer, asked / self._of.ratio, motion)
         self._asked.append(asked)
         self._reported.append(state.steer * self._of.ratio)  # without what is learnt, which would pass for a movement
-        if asked * steer < 0.0 and motion.speed > SLOWEST:
-            self._judge(steer * self._of.ratio, math.copysign(1.0, asked))
+        if asked * steer < 0.0 and speed > SLOWEST:
+            self._judge(turns, steer * self._of.ratio, math.copysign(1.0, asked))
 
-    def _judge(self, motor: float, side: float) -> None:
+    def _judge(self, turns: SteeringHypotheses, motor: float, side: float) -> None:
         """A report on the other side than its command; `motor` with its zero, rad."""
         self.against = self._moves_against()
-        if self._turns.as_asked:
+        if turns.as_asked:
             self._misreported = round(RENEWED_S / PERIOD_S)
-        elif self._turns.as_reported and not self._misreported:
+        elif turns.as_reported and not self._misreported:
             self.found = self.found or self.against or self._mirrors(side, motor)
 
     def _mirrors(self, side: float, motor: float) -> bool:

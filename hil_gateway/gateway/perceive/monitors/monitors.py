@@ -8,7 +8,7 @@ from typing import NamedTuple
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
-from hil_gateway.car.states import SysState
+from hil_gateway.car.states import STEERS, SysState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import OLDEST_S, Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
@@ -21,10 +21,8 @@ from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.motion import Judged, MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.observer.observer import SLOWEST, Observer
+from hil_gateway.observer.steering import SteeringHypotheses
 from hil_gateway.track.track import Track
-
-STEERS = (SysState.DRIVING, SysState.EMERGENCY)
-"""in which the car follows steering commands"""
 
 
 class SensorMonitors(NamedTuple):
@@ -82,6 +80,11 @@ class Monitors:
         return self.fixes_fit and not (self.imu_suspect or self.wheels_wrong or self._estimate_gone)
 
     @property
+    def turns(self) -> SteeringHypotheses:
+        """By which angle the car turns."""
+        return self._observer.steering
+
+    @property
     def steering_reversed(self) -> bool:
         """Whether the steering goes to the other side than its command."""
         return self._reversed.found
@@ -91,6 +94,7 @@ class Monitors:
         """Difference over bound of the monitors that compare with one, in this period."""
         return {
             "IMU, all others": self._imu.share,
+            "steering": self.turns.off,
             "one wheel": self._wheel.share,
             "speed of the wheels": self._speed.share,
             "speed of the wheels, fixes": self._by_fixes.share,
@@ -115,8 +119,9 @@ class Monitors:
         speed = self.motion.motion.speed
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
         asked, keeps = commanded if state.sys_state in STEERS else None, stopping or self._steering_off
-        self._reversed.step(state, self.motion.motion, asked, self._observer.steer_zero, keeps)
-        steering_s, pedals_s = self._following.step(now_ns, state, obeyed, self._reversed.against)
+        self._reversed.step(state, self.turns, speed, asked, self._observer.steer_zero, keeps)
+        moves_against, told = self._reversed.against, self.turns.off > 1.0
+        steering_s, pedals_s = self._following.step(now_ns, state, obeyed, moves_against, told)
         self._steering_off = steering_s > 0.0
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         sensors = self._compare(now_ns, state, course)

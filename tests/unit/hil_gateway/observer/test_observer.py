@@ -1,6 +1,6 @@
 """The observer learns what is slow about a car, and finds an IMU or wheels that no longer fit.
 
-The car here is a single track with linear tyres, integrated in small steps: other equations than the observer's.
+The car here has linear tyres.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import replace
 import casadi as ca
 import pytest
 from support.cars.scripted_car import reported_state
+from support.cars.turning_car import PUSHED, TurningCar
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
@@ -23,10 +24,6 @@ from hil_gateway.observer.observer import Acts, Observer
 CONFIG = Config()
 CAR = CONFIG.vehicle
 SPEED = 50.0
-PUSHED = 1.8
-"""m/s2 by the engine, most of it against drag"""
-FRONT, REAR = 9.0e4, 1.3e5
-"""N/rad of both axles' tyres: the car understeers"""
 Change = Callable[[dict[str, float]], dict[str, float]]
 
 
@@ -43,10 +40,7 @@ class Drive:
         self, state: VehicleState, zero: float = 0.0, late_s: float = 0.0, weaves: tuple[float, float] = (0.012, 1.2)
     ) -> None:
         self._state, self._zero, self._late_s, self._weaves = state, zero, late_s, weaves
-        self._rng = random.Random(3)
-        self.observer, self._t, self._vy, self._r = Observer(CONFIG), 0.0, 0.0, 0.0
-        self.stiffer = 1.0, 1.0
-        """tyres of front and rear axle, than they are when they roll"""
+        self.observer, self.car, self._t = Observer(CONFIG), TurningCar(CAR, SPEED), 0.0
 
     def run(
         self,
@@ -62,7 +56,7 @@ class Drive:
         imu = wheels = 0.0
         pushed = 0.0 if braking else pushed
         for tick in range(round(100 * seconds)):
-            reported = self._reported()
+            reported = self.reports()
             slower = {name: value - 0.01 * tick * braking for name, value in reported.items() if "wheel" in name}
             state = self._state.model_copy(
                 update=change(reported | slower | {"ax": reported["ax"] - PUSHED + pushed - braking})
@@ -75,25 +69,14 @@ class Drive:
 
     @property
     def true_yaw_rate(self) -> float:
-        return self._r
+        return self.car.yaw_rate
 
-    def _reported(self) -> dict[str, float]:
-        (far, fast), ay, draw = self._weaves, 0.0, self._rng.gauss
+    def reports(self) -> dict[str, float]:
+        far, fast = self._weaves
         steer, late = (far * math.sin(fast * t) for t in (self._t, self._t - self._late_s))
-        for _ in range(10):
-            front = self.stiffer[0] * FRONT * (late + self._zero - (self._vy + CAR.lf * self._r) / SPEED)
-            rear = -self.stiffer[1] * REAR * (self._vy - CAR.lr * self._r) / SPEED
-            ay = (front + rear) / CAR.mass
-            self._vy += 1e-3 * (ay - SPEED * self._r)
-            self._r += 1e-3 * (CAR.lf * front - CAR.lr * rear) / CAR.yaw_inertia
+        self.car.turn(late + self._zero)
         self._t += 0.01
-        half_front, half_rear = 0.5 * CAR.track_front * self._r, 0.5 * CAR.track_rear * self._r
-        return {
-            "steer": steer,
-            "yaw_rate": self._r + draw(0, 0.0015), "ay": ay + draw(0, 0.11), "ax": PUSHED - 1.6 + draw(0, 0.11),
-            "wheel_speed_fl": SPEED - half_front + draw(0, 0.03), "wheel_speed_fr": SPEED + half_front + draw(0, 0.03),
-            "wheel_speed_rl": SPEED - half_rear + draw(0, 0.03), "wheel_speed_rr": SPEED + half_rear + draw(0, 0.03),
-        }  # fmt: skip
+        return {"steer": steer, **self.car.reports()}
 
 
 def times(signs: tuple[float, float, float]) -> Change:
@@ -135,7 +118,7 @@ def test_a_car_that_slides_as_its_wheels_and_its_gyro_say_has_a_sound_imu(
     sources = state.sources | {"wheel_speeds": replace(state.sources["wheel_speeds"], valid=wheels_tell)}
     drive = Drive(state.model_copy(update={"sources": sources}))
     drive.run(12.0)
-    drive.stiffer = 1.0, 0.7
+    drive.car.stiffer = 1.0, 0.7
     assert (drive.run(1.2)[0] > 1.0) is blamed
 
 
@@ -144,9 +127,9 @@ def test_the_balance_of_the_brakes_is_learnt_from_how_the_car_turns(state: Vehic
     """Tyres that brake hold less across, tyres that carry more hold more."""
     drive, imu = Drive(state, weaves=(0.012, 3.0)), 0.0
     for _ in range(6):
-        drive.stiffer = 1.0, 1.0
+        drive.car.stiffer = 1.0, 1.0
         drive.run(3.0)
-        drive.stiffer = stiffer(0.54 + beyond, 10.0)
+        drive.car.stiffer = stiffer(0.54 + beyond, 10.0)
         imu = max(imu, drive.run(1.0, braking=10.0)[0])
     assert drive.observer._lateral.main.now[SHARE] == pytest.approx(beyond, abs=0.07)
     assert imu < 0.5
@@ -206,7 +189,7 @@ def test_wheels_that_are_all_a_fifth_wrong_do_not_fit_imu_and_engine(
 ) -> None:
     drive = Drive(state)
     drive.run(10.0)
-    observer, now = drive.observer, state.model_copy(update=drive._reported())
+    observer, now = drive.observer, state.model_copy(update=drive.reports())
     observer.step(now, SPEED, share * SPEED, Acts(now.steer, 0.0, 0.0, PUSHED), 0.0, imu=True, judges=True, steers=True)
     assert (observer.speed_off > 1.0) is found
 
