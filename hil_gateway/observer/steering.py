@@ -38,7 +38,8 @@ class SteeringHypotheses(Filters):
     def step(self, period: LateralPeriod, asked: Sequence[float], others: Sequence[bool], learnt: FilterLane) -> None:
         """With an IMU. `asked`: commanded angles that the steering has had the time to answer, the newer and the older
         one, rad at the road wheel; `learnt`: a filter of this period, from which these begin."""
-        if not self._runs or (self._age_s > 2.0 * RENEWED_S and abs(self.answer) < TOLD):
+        agree = period.steers > 0.0 and abs(self.answer) < TOLD
+        if not self._runs or (self._age_s > 2.0 * RENEWED_S and agree):
             self._renew(learnt)
         self._age_s += period.dt
         for i, (lane, angle) in enumerate(zip(self._all, (period.steer, *asked), strict=True)):
@@ -52,7 +53,7 @@ class SteeringHypotheses(Filters):
             self._unlikely[i] += explained * now - self._unlikely[i] * period.dt / RENEWED_S
 
     def _renew(self, learnt: FilterLane) -> None:
-        """Nothing is told: begin anew, but with what each angle has of its own."""
+        """The angles agree: begin anew, but with what each angle has of its own."""
         self._runs, self._age_s = True, 0.0
         for lane in self._all:
             mean, covariance = lane.mean[OF_ANGLE].copy(), lane.covariance[OF_ANGLE, OF_ANGLE].copy()
