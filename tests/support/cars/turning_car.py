@@ -80,7 +80,7 @@ class ObservedCar:
         self._late = periods_late(config.declared_car)
         self._asked: deque[float] = deque(maxlen=4 * self._late)
 
-    def step(self, asked: float, reported: float, turned: float) -> SteeringHypotheses:
+    def step(self, asked: float, reported: float, turned: float, *, obeys: bool = True) -> SteeringHypotheses:
         """10 ms with these road-wheel angles, rad; `reported` without the zero of its sensor, which has been learnt."""
         if not self._asked:
             self._asked.extend([asked] * 4 * self._late)
@@ -89,6 +89,6 @@ class ObservedCar:
         self.state = self.state.model_copy(update=self.car.reports() | {"steer": reported})
         self.observer.step(
             self.state, self.car.speed, self.car.speed, Acts(reported, 0.0, 0.0, PUSHED), 0.0, imu=True, judges=True,
-            steers=True, angles=(self._asked[-self._late], self._asked[0]),
+            steers=True, angles=(self._asked[-self._late], self._asked[0]) if obeys else None,
         )  # fmt: skip
         return self.observer.steering

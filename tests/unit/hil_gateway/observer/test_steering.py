@@ -92,8 +92,10 @@ def test_a_report_that_hangs_is_told_from_steering_that_does() -> None:
 
 
 def test_nothing_is_told_of_a_car_that_does_not_obey() -> None:
+    """Until 11 s it does, and its steering stands still."""
     car = ObservedCar(SPEED)
-    for tick in range(1090):
-        car.step(bend(tick), stuck(tick), stuck(tick))
-    car.observer.steering.forget()
-    assert car.observer.steering.answer == 0.0
+    for tick in range(1200):
+        told = car.step(bend(tick), stuck(tick), stuck(tick), obeys=tick < 1165)
+        if tick == 1164:
+            assert told.as_reported
+    assert not told.as_reported

@@ -10,6 +10,7 @@ from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import load_car
 from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
 
 CAR = load_car().vehicle
@@ -33,4 +34,20 @@ def test_wheels_that_all_others_contradict_judge_no_imu() -> None:
         monitors.motion.step(now_ns, state, None, commanded)
         found |= monitors.measures(now_ns, state, None, commanded, None)["wheel_speed_wrong"] > 0.1
     assert found
+    assert not monitors.imu_wrong
+
+
+def test_wheels_that_jump_by_less_than_fixes_tell_do_not_make_the_imu_wrong() -> None:
+    """By 9 % at once, as where a second sender speaks: neither IMU nor brakes have slowed the car down."""
+    rig = Rig()
+    rig.run(0.05)
+    monitors, course = Monitors(Config(), None), Course(0.0, 0.0, 0.0, SPEED, 0.0)
+    for tick in range(SWAPPED + 30):
+        wheels = SPEED if tick < SWAPPED else 0.91 * SPEED
+        changes = {f"wheel_speed_{at}": wheels for at in ("fl", "fr", "rl", "rr")}
+        state = rig.gateway.seen[0].model_copy(update={**changes, "sys_state": SysState.DRIVING})
+        commanded, now_ns = ActuatorPositions(0.0, 0.0, 0.0, 0.0, 3), (tick + 1) * 10_000_000
+        monitors.motion.step(now_ns, state, course, commanded)
+        measured = monitors.measures(now_ns, state, None, commanded, course)
+    assert measured["acceleration_wrong"] > 0.1
     assert not monitors.imu_wrong
