@@ -1,8 +1,9 @@
 """Whether physics allows a stop on the road: the best of many stops that know the true state and the fault at once.
 
 The plant alone is driven on from the present state, once for each of a family of stops: steering along the way of a
-stop by the true pose, with several decelerations and shares of grip, the brakes as declared or axle by axle, and
-brakes held at several pressures and balances with the steering as it is. The actuators are as broken as in the fault.
+stop by the true pose, with several decelerations and shares of grip, the brakes as declared or axle by axle, by path
+and yaw rate or by the declared axles with the true side slip, and brakes held at several pressures and balances with
+the steering as it is. The actuators are as broken as in the fault.
 Where even the best of them leaves the road, physics does not allow a stop, as far as this family goes: a fault is then
 no fault of monitors or of the stop.
 """
@@ -12,20 +13,28 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Any
 
 from hil_gateway.car.actuation import Actuation, ActuatorPositions
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config
 from hil_gateway.gateway.act.axle_brakes import AxleBrakes, AxleDemand
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.observer import lateral
+from hil_gateway.observer.axles import Axles
+from hil_gateway.observer.axles import axles as axles_of
+from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.plant.car import Car, Commands
 from hil_gateway.plant.plant import CONTROLLER_STEPS, Plant
+from hil_gateway.settings.gateway import PERIOD_S
 
 DECELERATIONS = (3.0, 12.0, 30.0)
 """m/s2 that a stop along its way asks for: from rolling out to locking the wheels"""
@@ -85,9 +94,10 @@ def _stops(plant: Plant, config: Config) -> Iterator[tuple[str, Callable[[], Dri
     """Name and maker of each stop of the family."""
     for grip in GRIPS:
         for deceleration in DECELERATIONS:
-            for by_axle in (False, True):
-                name = f"along its way, {deceleration:g} m/s2 at {grip:g} g{', axle by axle' if by_axle else ''}"
-                yield name, partial(_along_its_way, plant.car, config, deceleration, grip, by_axle)
+            for by_axle, slides in product((False, True), repeat=2):
+                how = f"{', axle by axle' if by_axle else ''}{', into slides' if slides else ''}"
+                name = f"along its way, {deceleration:g} m/s2 at {grip:g} g{how}"
+                yield name, partial(_along_its_way, plant.car, config, deceleration, grip, by_axle, slides)
     held = plant.car["steer"] * config.vehicle.steering_ratio
     for pressure in PRESSURES:
         for balance in BALANCES if pressure else (0.0,):
@@ -100,7 +110,9 @@ def _held(brakes: ActuatorPositions) -> Driver:
     return lambda: brakes
 
 
-def _along_its_way(car: Car, config: Config, deceleration: float, grip: float, by_axle: bool) -> Driver:
+def _along_its_way(  # noqa: PLR0917 - what stops of the family differ by
+    car: Car, config: Config, deceleration: float, grip: float, by_axle: bool, slides: bool
+) -> Driver:
     changes = {
         "controlled_deceleration": deceleration, "emergency_deceleration": max(deceleration, 12.0), "lateral_grip": grip
     }  # fmt: skip
@@ -110,11 +122,14 @@ def _along_its_way(car: Car, config: Config, deceleration: float, grip: float, b
     stopping.start(car["steer"])
     stopping.flat = by_axle and any(car.flats)
     axles = AxleBrakes(config.declared_car, grip)
+    waiting = deque([car["steer"]], maxlen=round(config.car.actuators.steering_late / PERIOD_S))
 
     def drive() -> ActuatorPositions:
         motion = Motion(car["vx"], car["yaw_rate"], car["vx"] * car["yaw_rate"])
         pose = Pose(car["x"], car["y"], car["yaw"], car["vx"], math.atan2(car["vy"], car["vx"]))
-        steer, braking = stopping.command(motion, pose, emergency=False)
+        known = _axles(car, config).onward(waiting) if slides and car["vx"] > SLOWEST else None
+        steer, braking = stopping.command(motion, pose, emergency=False, axles=known)
+        waiting.append(steer)
         wanted = actuation.to_actuators(steer, braking, car.gear, 0.0, car.gear)
         if not by_axle:
             return wanted
@@ -123,6 +138,17 @@ def _along_its_way(car: Car, config: Config, deceleration: float, grip: float, b
         return wanted._replace(brake_front=front, brake_rear=rear)
 
     return drive
+
+
+def _axles(car: Car, config: Config) -> Axles:
+    """Declared axles of a car that moves as it does, its brakes off."""
+    x = lateral.prior(config.car)[0].tolist()
+    x[lateral.VY], x[lateral.R] = car["vy"], car["yaw_rate"]
+    track = car.road.track
+    bank = float(track.at(track.project(car["x"], car["y"])[0]).bank)
+    silent = dict.fromkeys(lateral.LateralPeriod._fields, 0.0) | {"dt": PERIOD_S, "speed": car["vx"], "steers": 1.0}
+    period = lateral.LateralPeriod(**silent)._replace(gravity_across=GRAVITY * math.sin(bank))
+    return axles_of(config.vehicle, config.car.tyres.load_sensitivity, x, period)
 
 
 def _margin(

@@ -228,12 +228,13 @@ class Gateway:
 
     def _act(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:
         """Ladder and actuator commands on the wire, and what was sent on the bus."""
-        decision, command = self.decision, self.inbox.gate.newest
+        decision, command, monitors = self.decision, self.inbox.gate.newest, self.monitors
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
         sent, limited = self._actor.step(Period(
             now_ns, state, motion, decision, command, pose, self._tyres.flat_front, self._tyres.flat_rear,
-            self.monitors.blind, self.monitors.turns, self.monitors.steering_reversed,
+            monitors.blind, monitors.turns, monitors.steering_reversed,
             caution_speed(self.builder, self._caution_speed),
+            monitors.motion.axles(motion.late_s, monitors.steering_reversed) if decision.stopping else None,
         ))  # fmt: skip
         self._reporter.measure_latency(now_ns, decision, command)
         self._bus.publish(topics.APPLIED, self._actor.applied(now_ns, self._seq, state, decision, sent, limited))

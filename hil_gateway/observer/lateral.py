@@ -204,7 +204,7 @@ class Turning:
         across = [fitted(ca.tanh, angle, x, known) for angle in self._angles(x)]
         kept = [
             fitted(partial(left_of_both, lean), used, x, known)
-            for used, lean in zip(self._used(x), self._leans(x), strict=True)
+            for used, lean in zip(self.used(x), self.leans(x), strict=True)
         ]
         return [one.times(other) for one, other in zip(across, kept, strict=True)]
 
@@ -221,7 +221,7 @@ class Turning:
         least = NOISE.least_left
         return ca.fmax(front + shifted / car.lr, least * front), ca.fmax(rear - shifted / car.lf, least * rear)
 
-    def _leans(self, x: Expr) -> list[Expr]:
+    def leans(self, x: Expr) -> list[Expr]:
         """Share of their load that the inner wheels of both axles lose to the outer ones."""
         across, tracks = x[H] * self.u.speed * ca.fabs(x[R]), (self.car.track_front, self.car.track_rear)
         return [2.0 * across / (track * load) for track, load in zip(tracks, self._loads(x), strict=True)]
@@ -230,24 +230,24 @@ class Turning:
         """By which the wheels of both axles slip apart, rad/s."""
         n, car, across = NOISE, self.car, map(ca.tanh, self._angles(x))
         slips = (YIELDS * ca.fabs(a) / load for a, load in zip(self._along(x), self._loads(x), strict=True))
-        parts = zip(slips, self._used(x), across, (car.track_front, car.track_rear), strict=True)
+        parts = zip(slips, self.used(x), across, (car.track_front, car.track_rear), strict=True)
         return [
             n.slip + (n.slip_share * slip / left(side) + n.slip_at_limit * used**4) * self.u.speed / track
             for slip, used, side, track in parts
         ]
 
-    def _limits(self, x: Expr) -> tuple[Expr, Expr]:
+    def limits(self, x: Expr) -> tuple[Expr, Expr]:
         """Grip of both axles across, m/s2."""
         front, rear = (gripped(load, self._fades) for load in self._loads(x))
         return x[MUF] * front, x[MUR] * rear
 
-    def _used(self, x: Expr) -> list[Expr]:
+    def used(self, x: Expr) -> list[Expr]:
         """Share of the grip along that engine and brakes use of both axles."""
-        return [ca.fmin(x[ELLIPSE] * a / limit, 1.0) for a, limit in zip(self._along(x), self._limits(x), strict=True)]
+        return [ca.fmin(x[ELLIPSE] * a / limit, 1.0) for a, limit in zip(self._along(x), self.limits(x), strict=True)]
 
     def _axles(self, x: Expr, known: Known) -> tuple[Expr, Expr]:
         """a_f, a_r, m/s2."""
-        (front, rear), limits = self._shares(x, known), self._limits(x)
+        (front, rear), limits = self._shares(x, known), self.limits(x)
         return limits[0] * (front.at + x[EF]), limits[1] * (rear.at + x[ER])
 
     def _force(self, x: Expr, known: Known) -> Expr:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.observer import lateral, longitudinal
+from hil_gateway.observer.axles import Axles, axles
 from hil_gateway.observer.bank import CHANCE, DOUBTED, GATE
 from hil_gateway.observer.steering import SteeringHypotheses
 from hil_gateway.settings.gateway import PERIOD_S
@@ -88,6 +89,17 @@ class Observer:
         load: float = lateral.gripped(self._vehicle.axles_pressed(speed)[1], self._fades)
         return min(max(now, 0.0), 2.0 * declared) / load
 
+    def axles(self, imu: bool) -> Axles | None:
+        """Of the newest period, by all that is believed, the `imu` or not; None where the car is slow."""
+        if not self.runs:
+            return None
+        lane, beyond = (imu and self.steering.told) or (self._lateral.main if imu else self._lateral.without, 0.0)
+        x: list[float] = list(lane.now)
+        for tyre in (lateral.SF, lateral.SR, lateral.MUF, lateral.MUR):  # no slide shows tyres that give nothing
+            x[tyre] = max(x[tyre], lateral.NOISE.least_left * self._declared[tyre])
+        now = axles(self._vehicle, self._fades, x, self._turning)
+        return now._replace(zero=now.zero - beyond)
+
     @property
     def yaw_rates(self) -> tuple[float, float]:
         """By all sources, and by all but the IMU, rad/s."""
@@ -113,7 +125,7 @@ class Observer:
         wheels, gain = state.sources["wheel_speeds"].valid, self._longitudinal.without.now[longitudinal.BRAKES]
         speeds = state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
         front, rear = lateral.rates_of_wheels(speeds, acts.steer, self._vehicle)
-        turning = lateral.LateralPeriod(
+        self._turning = turning = lateral.LateralPeriod(
             PERIOD_S, speed, acts.steer, self._steer_rate, gain * acts.braked_front, gain * acts.braked_rear,
             acts.pushing, gravity_across, front, rear, state.yaw_rate, state.ay, float(steers),
         )  # fmt: skip

@@ -85,6 +85,15 @@ class SteeringHypotheses(Filters):
         return max(reported - newer, 0.0) + min(reported - min(newer, older), 0.0)
 
     @property
+    def told(self) -> tuple[FilterLane, float] | None:
+        """The filter of the angle that the car is told to turn by, and by how much that is beyond the reported one,
+        rad; None where neither is told."""
+        if not (self.as_reported or self.as_asked):
+            return None
+        i = 0 if self.as_reported else min(range(1, FILTERS), key=self._unlikely.__getitem__)
+        return self._all[i], self._beyond[i]
+
+    @property
     def off(self) -> float:
         """How unlikely the less likely angle is, as a share of what chance explains."""
         return abs(self.answer) / FOUND

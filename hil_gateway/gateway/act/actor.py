@@ -25,6 +25,7 @@ from hil_gateway.gateway.decide.ladder_inputs import Flags
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
+from hil_gateway.observer.axles import Axles
 from hil_gateway.observer.steering import SteeringHypotheses
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import CAUTION_DECELERATION
@@ -60,6 +61,8 @@ class Period(NamedTuple):
     """whether the steering goes to the other side than its command: a stop then asks for the other side"""
     caution_speed: float
     """m/s, under yellow flags"""
+    axles: Axles | None = None
+    """when what is asked for now is answered; in a stop"""
 
 
 class Actor:
@@ -169,7 +172,8 @@ class Actor:
         if stuck:
             self._stuck.judge(now.turns)
         held = stuck and self._stuck.stands
-        steer, drive = self.stopping.command(motion, pose, emergency, not held, brakes=cause not in UNBRAKED)
+        brakes = cause not in UNBRAKED
+        steer, drive = self.stopping.command(motion, pose, emergency, now.axles, steers=not held, brakes=brakes)
         if stuck and self._stuck.locks(motion, pose):
             drive = -self._full_brakes
         return (-steer if now.steering_reversed else steer), drive

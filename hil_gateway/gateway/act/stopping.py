@@ -20,6 +20,7 @@ from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, way_alon
 from hil_gateway.gateway.perceive.course import COURSE_WINDOW
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
+from hil_gateway.observer.axles import Axles
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.settings.gateway import PERIOD_S, StopConfig, beside
 from hil_gateway.track.track import Track
@@ -65,9 +66,10 @@ class Stopping:
         self._steer, self._path, self._brakes, self._clear = steer, None, True, CLEAR
 
     def command(
-        self, motion: Motion, pose: Pose | None, emergency: bool, steers: bool = True, brakes: bool = True
-    ) -> tuple[float, float]:
-        """Road-wheel angle (rad) and slip-ratio drive (negative) of this period.
+        self, motion: Motion, pose: Pose | None, emergency: bool, axles: Axles | None = None,
+        *, steers: bool = True, brakes: bool = True,
+    ) -> tuple[float, float]:  # fmt: skip
+        """Road-wheel angle (rad) and slip-ratio drive (negative) of this period; `axles` when that angle acts.
 
         A car that no longer `steers` brakes with all the grip beside the lateral force it has; one whose `brakes` do
         not follow takes the way of a car that rolls out.
@@ -82,7 +84,7 @@ class Stopping:
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
         lateral, grip = abs(motion.ay), self._grip_at(motion.speed)
         if self._path is not None and pose is not None:
-            self._steer = self._pursue(self._path, pose, motion)
+            self._steer = self._pursue(self._path, pose, motion, axles)
             here = self._path.nearest(pose.x, pose.y)
             for_bends = self._for_bends(self._path, here, motion.speed)
             wanted = max(wanted, for_bends)
@@ -100,19 +102,28 @@ class Stopping:
         deceleration = self._config.controlled_deceleration if self._brakes else self._vehicle.drag(ROLLS_OUT)
         return way_along(self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration, clear=self._clear)
 
-    def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:
+    def _pursue(self, path: Path, pose: Pose, motion: Motion, axles: Axles | None) -> float:
+        if axles is not None:
+            pose = pose.onward(pose.speed * self._car.actuators.steering_late, axles.turned)
         rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)
         rear_y = pose.y - self._vehicle.lr * math.sin(pose.yaw)
         late_s = 0.0 if motion.by_gyro else 0.5 * COURSE_WINDOW * PERIOD_S  # as the heading of fixes is
         look_ahead = (LOOK_AHEAD_S + late_s) * max(pose.speed, SLOWEST)
         behind = path.nearest(rear_x, rear_y)
         (x, y), bend = path.ahead(behind, look_ahead), float(path.curvature[behind])
-        angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw - self._rear_slip(motion, bend)
+        angle = (
+            math.atan2(y - rear_y, x - rear_x)
+            - pose.yaw
+            - (self._rear_slip(motion, bend) if axles is None else axles.rear_goes(bend))
+        )
         distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_S * SLOWEST)
         curvature = 2 * math.sin(angle) / distance
         if not motion.by_gyro:
             curvature = self._within_grip(curvature, motion.speed)
         self._asked = abs(curvature)
+        if axles is not None:
+            late_s = self._car.actuators.steering_late + motion.late_s
+            return axles.steered((motion.speed * curvature - axles.yaw_rate) / late_s)
         too_slow = motion.speed * curvature - motion.yaw_rate
         gain = STEADIES / (self._car.actuators.steering_late + motion.late_s)
         understeer = BRAKED_UNDERSTEER * motion.understeer * motion.speed**2 * bend

@@ -14,6 +14,7 @@ from hil_gateway.gateway.perceive.course import COURSE_WINDOW, Course
 from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.road_speed import Wheels, at_the_middle, wheel_speeds
+from hil_gateway.observer.axles import Axles
 from hil_gateway.observer.bank import RENEWED_S
 from hil_gateway.observer.longitudinal import slipped
 from hil_gateway.observer.observer import SLOWEST, Acts, Observer
@@ -146,6 +147,17 @@ class MotionReader:
     def again(self, state: VehicleState, course: Course | None) -> Motion:
         """Motion of the present period once more: sensors have been found wrong since `step`."""
         return self._move(state, self.motion.speed, course)
+
+    def axles(self, late_s: float, mirrored: bool) -> Axles | None:
+        """When what is asked for now is answered; None where the car is slow, or how it turns is not known. `late_s`:
+        how late all frames are; `mirrored`: whether the steering goes to the other side than its command."""
+        now = self._observer.axles(self.motion.by_gyro)
+        if now is None or not self.motion.by_gyro:
+            return None
+        ratio = self._vehicle.steering_ratio * (-1.0 if mirrored else 1.0)
+        angles = [angle / ratio for angle in self._asked]
+        answered, waiting = angles[: 1 - self._late], angles[1 - self._late :]
+        return now.onward(answered[len(answered) - round(late_s / PERIOD_S) :]).onward(waiting)
 
     def turned_within(self, seconds: float) -> float:
         """By how much the yaw rate has changed lately by the observer, rad/s; `COURSE_WINDOW` at most."""

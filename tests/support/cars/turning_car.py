@@ -29,6 +29,8 @@ class TurningCar:
     speed: float
     grip: float = math.inf
     """of an axle over the mass that it carries, m/s2"""
+    weaker: float = 1.0
+    """grip of the rear axle over that of the front one"""
     stiffer: tuple[float, float] = (1.0, 1.0)
     """tyres of front and rear axle, than they are when they roll"""
     side_speed: float = 0.0
@@ -42,8 +44,8 @@ class TurningCar:
         for _ in range(10):
             ahead = steer - (self.side_speed + car.lf * self.yaw_rate) / self.speed
             behind = -(self.side_speed - car.lr * self.yaw_rate) / self.speed
-            front = self._force(self.stiffer[0] * FRONT * ahead, car.lr)
-            rear = self._force(self.stiffer[1] * REAR * behind, car.lf)
+            front = self._force(self.stiffer[0] * FRONT * ahead, self.grip * car.lr)
+            rear = self._force(self.stiffer[1] * REAR * behind, self.weaker * self.grip * car.lf)
             self.ay = (front + rear) / car.mass
             self.side_speed += 1e-3 * (self.ay - self.speed * self.yaw_rate)
             self.yaw_rate += 1e-3 * (car.lf * front - car.lr * rear) / car.yaw_inertia
@@ -54,8 +56,9 @@ class TurningCar:
         understeer = car.mass / car.wheelbase * (car.lr / FRONT - car.lf / REAR)
         return curvature * (car.wheelbase + understeer * self.speed**2)
 
-    def _force(self, linear: float, other_arm: float) -> float:
-        most = self.grip * self.vehicle.mass * other_arm / self.vehicle.wheelbase
+    def _force(self, linear: float, grip: float) -> float:
+        """`grip` times the arm of the other axle, m2/s2."""
+        most = grip * self.vehicle.mass / self.vehicle.wheelbase
         return linear if math.isinf(most) else most * math.tanh(linear / most)
 
     def reports(self) -> dict[str, float]:

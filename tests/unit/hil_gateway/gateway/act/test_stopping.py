@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from support.cars.scripted_car import Rig
+from support.cars.turning_car import FRONT, REAR, TurningCar
 
 from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.car.car import load_car
@@ -14,12 +15,14 @@ from hil_gateway.gateway.act.stop_path import Path, polyline, way_along
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.observer.axles import Axle, Axles
 from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import StopConfig
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
-VEHICLE = load_car().vehicle
+CAR = load_car()
+VEHICLE = CAR.vehicle
 HALF_WIDTH = VEHICLE.half_width
 HERE = Pose(0.0, 0.0, 0.0, 40.0)
 
@@ -262,6 +265,41 @@ def test_a_stop_steadies_a_car_that_oversteers(rig):
     assert last < 0.5 * first, "the wheels tell how the car turns"
     first, last = largest_yaw_rates(rig, by_gyro=False, late_s=math.inf)
     assert last > first, "the car weaves where nothing but its place steadies it"
+
+
+def furthest_off(kick: float, known: bool) -> tuple[float, float]:
+    """How far a car is off a bend of 260 m at 60 m/s at most, m, and its side slip, rad, that a `kick` (rad/s) meets
+    after 1.5 s: its rear axle bears 16 m/s2, its front one 20, and it needs 14; steering acts as declared."""
+    radius, speed, actuators, turns = 260.0, 60.0, CAR.actuators, np.linspace(-0.1, 2.0, 1500)
+    stop = following(radius * np.sin(turns), radius * (1.0 - np.cos(turns)))
+    car = TurningCar(VEHICLE, speed, 20.0, weaker=0.8, yaw_rate=speed / radius)
+    front, rear = (
+        Axle(grip, grip * VEHICLE.mass * arm / (VEHICLE.wheelbase * stiff), 0.0)
+        for grip, arm, stiff in ((20.0, VEHICLE.lr, FRONT), (16.0, VEHICLE.lf, REAR))
+    )
+    x, y, yaw, angle, off, slip, sent = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, [0.0] * 20
+    for i in range(500):
+        car.yaw_rate += kick if i == 150 else 0.0
+        going, pose = car.side_speed / speed, Pose(x, y, yaw, speed, math.atan(car.side_speed / speed))
+        axles = Axles(VEHICLE, front, rear, speed, car.side_speed, car.yaw_rate, 0.0, 0.0)
+        ahead = axles.onward(sent[-round(100 * actuators.steering_late) :]) if known else None
+        sent.append(stop.command(Motion(speed, car.yaw_rate, speed * car.yaw_rate), pose, False, ahead)[0])
+        due = sent[-1 - round(100 * actuators.steering_delay)]
+        angle += 0.01 * math.tau * actuators.steering_bandwidth * (due - angle)
+        car.turn(angle)
+        x += 0.01 * speed * (math.cos(yaw) - going * math.sin(yaw))
+        y += 0.01 * speed * (math.sin(yaw) + going * math.cos(yaw))
+        yaw += 0.01 * car.yaw_rate
+        off, slip = max(off, abs(math.hypot(x, y - radius) - radius)), max(slip, abs(going))
+    return off, slip
+
+
+@pytest.mark.parametrize("kick", [0.0, 0.3])
+def test_a_car_that_is_weak_behind_is_held_near_its_limit(rig, kick):
+    off, slip = furthest_off(kick, known=True)
+    assert off < 2.5
+    assert slip < 0.2
+    assert furthest_off(kick, known=False)[1] > 1.0, "steered by path and yaw rate alone it spins"
 
 
 def test_without_a_path_the_steering_is_held(rig):
