@@ -63,7 +63,7 @@ class Gateway:
         self.builder = VehicleStateBuilder(config, actuation)
         self.inbox = Inbox(bus, config.gateway.command_latency_max_s)
         self.monitors = Monitors(config, track)
-        self._dead_reckoning = DeadReckoning(config.vehicle.lr, config.placing.noise)
+        self._dead_reckoning = DeadReckoning(config.placing.noise)
         self._lateness = Lateness(self.builder)
         self._before_pause = self._dead_reckoning.now
         """what had been reckoned when frames last came: those that waited go on from there"""

@@ -82,12 +82,11 @@ class Observer:
         """Road-wheel angle beyond what is reported, rad; without what the IMU has shown in the last seconds."""
         return self._lateral.without.now[lateral.ZERO]
 
-    def rear_yields(self, speed: float) -> float:
-        """Slip angle of the rear axle away from its limit, rad a m/s2 of lateral force at `speed` (m/s), at most twice
-        that of the declared tyres; without what the IMU has shown in the last seconds."""
-        now, declared = (x[lateral.SR] / x[lateral.MUR] for x in (self._lateral.without.now, self._declared))
-        load: float = lateral.gripped(self._vehicle.axles_pressed(speed)[1], self._fades)
-        return min(max(now, 0.0), 2.0 * declared) / load
+    @property
+    def slip(self) -> float:
+        """Angle from where the car points to where it goes, rad; 0 where it is slow."""
+        lane, _ = self.steering.told or (self._lateral.main, 0.0)
+        return lane.now[lateral.VY] / self._turning.speed if self.runs else 0.0
 
     def axles(self, imu: bool) -> Axles | None:
         """Of the newest period, by all that is believed, the `imu` or not; None where the car is slow."""

@@ -28,7 +28,7 @@ MOTION = st.builds(
     understeer=st.floats(0.0, UNDERSTEER_MOST),
     late_s=st.sampled_from([0.0, 0.1, math.inf]),
     by_wheels=st.booleans(),
-    rear_yields=st.floats(0.0, 0.02),
+    slip=SIGNED,
 )
 POSE = st.builds(
     Pose, st.floats(-500.0, 500.0), st.floats(-500.0, 500.0), SIGNED, SPEED, st.one_of(st.just(0.0), SIGNED)

@@ -1,10 +1,12 @@
 """Stopping without the planner: steering that keeps the car on the road, braking within the grip left.
 
 Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): curvature k = 2 sin(alpha) / l towards the point a look-ahead
-distance l along the path, delta = atan(L k + U v^2 k0) + K (v k - r) with the yaw rate r, the later the less of it, the
-understeer U under the brakes and the curvature k0 of the path; alpha is taken from the direction in which the rear axle
-goes on such a path. The path is the way along the track with the least lateral force from where the car is when the
-stop begins, and as it turns then; without a track the steering is held.
+distance l along the path; alpha is taken from the direction in which the rear axle goes on such a path. Where a gyro
+tells how the car turns, the angle is the one with which its axles come to v k in the time by which the steering is
+late, from where the car is when it answers (`observer.axles`): so a slide is caught. Else delta = atan(L k + U v^2 k0)
++ K (v k - r) with the yaw rate r, the later the less of it, the understeer U under the brakes and the curvature k0 of
+the path. The path is the way along the track with the least lateral force from where the car is when the stop begins,
+and as it turns then; without a track the steering is held.
 Braking is as hard as configured, and harder where a bend ahead on that path would be entered too fast.
 """
 
@@ -103,46 +105,45 @@ class Stopping:
         return way_along(self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration, clear=self._clear)
 
     def _pursue(self, path: Path, pose: Pose, motion: Motion, axles: Axles | None) -> float:
+        late_s = self._car.actuators.steering_late
         if axles is not None:
-            pose = pose.onward(pose.speed * self._car.actuators.steering_late, axles.turned)
+            pose = pose.onward(late_s * pose.speed, axles.turned)
+        curvature, bend = self._curvatures(path, pose, motion, axles)
+        self._asked = abs(curvature)
+        late_s += motion.late_s
+        if axles is not None:
+            return axles.steered((motion.speed * curvature - axles.yaw_rate) / late_s)
+        too_slow = motion.speed * curvature - motion.yaw_rate
+        understeer = BRAKED_UNDERSTEER * motion.understeer * motion.speed**2 * bend
+        return math.atan(self._vehicle.wheelbase * curvature + understeer) + STEADIES / late_s * too_slow
+
+    def _curvatures(self, path: Path, pose: Pose, motion: Motion, axles: Axles | None) -> tuple[float, float]:
+        """Of the arc to the point ahead, and of the path, 1/m."""
         rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)
         rear_y = pose.y - self._vehicle.lr * math.sin(pose.yaw)
         late_s = 0.0 if motion.by_gyro else 0.5 * COURSE_WINDOW * PERIOD_S  # as the heading of fixes is
         look_ahead = (LOOK_AHEAD_S + late_s) * max(pose.speed, SLOWEST)
         behind = path.nearest(rear_x, rear_y)
         (x, y), bend = path.ahead(behind, look_ahead), float(path.curvature[behind])
-        angle = (
-            math.atan2(y - rear_y, x - rear_x)
-            - pose.yaw
-            - (self._rear_slip(motion, bend) if axles is None else axles.rear_goes(bend))
-        )
+        angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw - self._rear_goes(motion, axles, bend)
         distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_S * SLOWEST)
         curvature = 2 * math.sin(angle) / distance
-        if not motion.by_gyro:
-            curvature = self._within_grip(curvature, motion.speed)
-        self._asked = abs(curvature)
-        if axles is not None:
-            late_s = self._car.actuators.steering_late + motion.late_s
-            return axles.steered((motion.speed * curvature - axles.yaw_rate) / late_s)
-        too_slow = motion.speed * curvature - motion.yaw_rate
-        gain = STEADIES / (self._car.actuators.steering_late + motion.late_s)
-        understeer = BRAKED_UNDERSTEER * motion.understeer * motion.speed**2 * bend
-        return math.atan(self._vehicle.wheelbase * curvature + understeer) + gain * too_slow
+        return curvature if motion.by_gyro else self._within_grip(curvature, motion.speed), bend
 
     def _within_grip(self, curvature: float, speed: float) -> float:
         """As much of it as any tyres hold: more steering turns no car in, and none that slides out."""
         most = self._car.most_grip * self._vehicle.pressed(speed) / max(speed, 1.0) ** 2
         return min(max(curvature, -most), most)
 
-    def _rear_slip(self, motion: Motion, curvature: float) -> float:
+    def _rear_goes(self, motion: Motion, axles: Axles | None, curvature: float) -> float:
         """Angle from where the car points to where its rear axle goes on a path of this curvature, rad.
 
         Answered to the slip that it has, a car that oversteers weaves. Without a gyro the yaw of the pose is the course
         of the centre of gravity.
         """
-        if not motion.by_gyro:
-            return -self._vehicle.lr * curvature
-        return -motion.rear_yields * motion.speed**2 * curvature
+        if axles is not None:
+            return axles.rear_goes(curvature)
+        return 0.0 if motion.by_gyro else -self._vehicle.lr * curvature
 
     def _for_bends(self, path: Path, here: int, speed: float) -> float:
         """Deceleration after which no bend ahead needs more grip than tyres are sure to have, m/s2.

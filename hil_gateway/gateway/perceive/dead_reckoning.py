@@ -75,12 +75,12 @@ class Reckoned(NamedTuple):
 class DeadReckoning:
     """The pose now; None before the first estimate, and where nothing was heard for so long that it is not known.
 
-    Side slip is carried on as l_r r / v - k a_y (single track with a linear rear tyre), with k of the observer.
+    Side slip is the observer's.
     """
 
-    def __init__(self, rear: float, noise: float) -> None:
-        """`rear`: distance of the rear axle behind the centre of gravity, m; `noise` of a fix, m."""
-        self._rear, self._apart = rear, apart_at_most(noise)
+    def __init__(self, noise: float) -> None:
+        """`noise` of a fix, m."""
+        self._apart = apart_at_most(noise)
         self.now: Reckoned | None = None
         self._answered_ns = self._fix_seq = 0
 
@@ -101,7 +101,7 @@ class DeadReckoning:
             estimate = None  # its heading is a guess
         if estimate is not None and (self.now is None or estimate.state_stamp_ns != self._answered_ns):
             self._answered_ns, self._fix_seq = estimate.state_stamp_ns, state.position_seq
-            pose = Pose(estimate.x, estimate.y, estimate.yaw, estimate.vx, self._slip(motion))
+            pose = Pose(estimate.x, estimate.y, estimate.yaw, estimate.vx, motion.slip)
             slips = SLIPS if estimate.valid else GUESSED
             told = Reckoned(pose, self._answered_ns, motion.by_gyro, slips=slips)
             self.now = self._onward(told, now_ns, motion)
@@ -125,16 +125,11 @@ class DeadReckoning:
 
     def _onward(self, before: Reckoned, now_ns: int, motion: Motion) -> Reckoned:
         dt = min(max((now_ns - before.stamp_ns) / NS_PER_S, 0.0), UNSEEN_S)
-        pose, way, slip = before.pose, motion.speed * dt, self._slip(motion)
+        pose, way, slip = before.pose, motion.speed * dt, motion.slip
         # where the slip is no longer known, the car still goes where it went
         yaw = pose.yaw if motion.by_gyro == before.by_gyro else pose.yaw + pose.slip - slip
         pose = Pose(pose.x, pose.y, yaw, motion.speed, slip).onward(way, motion.yaw_rate * dt)
         return Reckoned(pose, now_ns, motion.by_gyro, before.off_m, before.way_m + way, before.slips)
-
-    def _slip(self, motion: Motion) -> float:
-        if not motion.by_gyro or motion.speed < SLOWEST:
-            return 0.0
-        return self._rear * motion.yaw_rate / motion.speed - motion.rear_yields * motion.ay
 
     def _corrected(self, now: Reckoned, x: float, y: float) -> Reckoned:
         """Moved towards a fix (a Kalman filter's step of a point); without a gyro, whose substitutes drift, turned."""

@@ -60,8 +60,8 @@ class Motion(NamedTuple):
     """s since the yaw rate was reported, of which only changes are known since; infinite where they are not either"""
     by_wheels: bool = True
     """whether the speed is that of the wheels"""
-    rear_yields: float = 0.0
-    """slip angle of the rear axle, rad a m/s2 of lateral force, as the observer has learnt it"""
+    slip: float = 0.0
+    """rad from where the car points to where it goes, as the observer has it; 0 without a gyro"""
 
 
 class Judged(NamedTuple):
@@ -210,7 +210,7 @@ class MotionReader:
         force = state.ay if gyro else speed * yaw_rate
         self.motion = Motion(
             speed, yaw_rate, force, gyro, self._learnt.understeer, 0.0 if told else math.inf, self._wheels(state),
-            self._observer.rear_yields(speed),
+            self._observer.slip if gyro else 0.0,
         )  # fmt: skip
         return self.motion
 

@@ -33,6 +33,13 @@ def test_the_angle_that_changes_nothing_is_the_one_it_turns_by(curvature):
     assert axles.steered(0.0) == pytest.approx(steer, abs=1e-3)
 
 
+@pytest.mark.parametrize("curvature", [2e-3, -3e-3])
+def test_side_slip_is_known(curvature):
+    car, _ = observed(ObservedCar(SPEED).car.angle(curvature))
+    assert abs(car.car.side_speed) > 0.5
+    assert car.observer.slip == pytest.approx(car.car.side_speed / SPEED, abs=6e-3)
+
+
 def test_it_goes_on_as_the_car_does():
     steer = ObservedCar(SPEED).car.angle(2e-3)
     car, axles = observed(steer)
@@ -62,6 +69,12 @@ def test_a_car_that_slides_is_steered_into_its_slide():
 def test_a_slide_is_ended_by_the_angle_that_turns_the_car_back():
     back = SLIDES.onward([SLIDES.steered(-4.0)])
     assert (back.yaw_rate - SLIDES.yaw_rate) / 0.01 == pytest.approx(-4.0, rel=0.01)
+
+
+def test_an_axle_that_is_weaker_than_known_is_asked_for_no_more_than_it_has():
+    flat = SLIDES.weakened(1.0, 0.5)
+    assert flat.rear.force(1.0) == pytest.approx(7.0)
+    assert flat.steered(0.0) < SLIDES.steered(0.0) - 0.03
 
 
 def test_more_force_than_the_front_axle_has_takes_no_endless_angle():

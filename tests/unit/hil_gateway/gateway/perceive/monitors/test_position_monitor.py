@@ -34,7 +34,7 @@ def judged(
     rig = Rig()
     rig.run(0.05)
     state, noise = rig.gateway.seen[0], np.random.default_rng(5)
-    reckoning = DeadReckoning(0.0, 0.02)
+    reckoning = DeadReckoning(0.02)
     reckoning.now = Reckoned(Pose(0.0, 0.0, math.pi, speed), 0, by_gyro=True, slips=4.0)
     monitor, x, seq, coming = PositionMonitor(0.02), 0.0, state.position_seq, deque[tuple[float, float]]()
     for tick in range(round(SECONDS / PERIOD_S)):
