@@ -29,13 +29,14 @@ WEAVES_M = 0.2
 
 
 class Course(NamedTuple):
-    """Place (m), direction of motion (rad), speed (m/s), turn rate (rad/s)."""
+    """Place (m), direction of motion (rad), speed (m/s), turn rate and its standard deviation (rad/s)."""
 
     x: float
     y: float
     course: float
     speed: float
     turn_rate: float
+    turn_std: float
 
 
 def apart_at_most(noise: float) -> float:
@@ -44,16 +45,21 @@ def apart_at_most(noise: float) -> float:
 
 
 class Parabola(NamedTuple):
-    """Place over time; x + i y of it, m, of its velocity, m/s, and of half its acceleration, m/s2."""
+    """Place over time; x + i y of it, m, of its velocity, m/s, and of half its acceleration and the standard deviation
+    of that, m/s2."""
 
     place: complex
     velocity: complex
     half: complex
+    half_std: float
 
     @classmethod
-    def fitted(cls, times: Array, places: Array) -> Parabola:
-        """Least squares; arrays (n,)."""
-        return cls(*np.linalg.lstsq(np.vander(times, 3, increasing=True), places, rcond=None)[0].tolist())
+    def fitted(cls, times: Array, places: Array, noise: float) -> Parabola:
+        """Least squares; arrays (n,), `noise` of a place, m."""
+        powers = np.vander(times, 3, increasing=True)
+        half_std = noise * math.sqrt(np.linalg.inv(powers.T @ powers)[2, 2])
+        place, velocity, half = np.linalg.lstsq(powers, places, rcond=None)[0].tolist()
+        return cls(place, velocity, half, half_std)
 
     def scatter(self, times: Array, places: Array, noise: float) -> float:
         """Of those places at those times beside it, over what `noise` (m) and fixes that come late explain."""
@@ -73,4 +79,5 @@ class Parabola(NamedTuple):
         if speed < SLOWEST:
             return None
         turn = 2.0 * (self.half * velocity.conjugate()).imag / speed**2
-        return Course(place.real, place.imag, cmath.phase(velocity), speed, turn)
+        turn_std = 2.0 * self.half_std / speed
+        return Course(place.real, place.imag, cmath.phase(velocity), speed, turn, turn_std)

@@ -6,6 +6,8 @@ import math
 from collections import deque
 from typing import NamedTuple
 
+import numpy as np
+
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
@@ -15,7 +17,7 @@ from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.road_speed import Wheels, at_the_middle, wheel_speeds
 from hil_gateway.observer.axles import Axles
-from hil_gateway.observer.bank import RENEWED_S
+from hil_gateway.observer.bank import DOUBTED, RENEWED_S
 from hil_gateway.observer.longitudinal import slipped
 from hil_gateway.observer.observer import SLOWEST, Acts, Observer
 from hil_gateway.process.clock import NS_PER_S
@@ -121,8 +123,8 @@ class MotionReader:
         self._late = periods_late(car)
         self._asked: deque[float] = deque([0.0] * ANSWER * self._late, maxlen=ANSWER * self._late)
         """steering angles on the wire, rad at the motor, the oldest of which any steering has reached"""
-        self._observed: deque[tuple[float, float]] = deque(maxlen=COURSE_WINDOW)
-        """yaw rates by the observer in the periods a course spans, rad/s, and by it without the IMU"""
+        self._observed: deque[tuple[float, float, float]] = deque(maxlen=COURSE_WINDOW)
+        """yaw rates by the observer in the periods a course spans, by it without the IMU and by the gyro, rad/s"""
         self.motion = Motion()
         self.judged = Judged()
 
@@ -164,6 +166,13 @@ class MotionReader:
         turned = self._turned[-1 - round(seconds / PERIOD_S) :]
         return turned[-1] - turned[0] if turned else 0.0
 
+    def fixes_favour_gyro(self, course: Course) -> bool:
+        """Whether the car has turned, by its fixes, as the gyro says rather than as the observer says without it."""
+        if len(self._observed) < COURSE_WINDOW:
+            return False
+        _, without, gyro = np.mean(self._observed, axis=0) - course.turn_rate
+        return bool(without**2 - gyro**2 > DOUBTED * course.turn_std**2)
+
     def _gyro(self, state: VehicleState) -> bool:
         return state.sources["imu"].valid and not (self.judged.imu_wrong or self.judged.imu_gone)
 
@@ -194,7 +203,7 @@ class MotionReader:
             state, speed, rolled, acts, judged.gravity_across, imu, known, judged.steers, angles if obeys else None,
         )  # fmt: skip
         if self._observer.runs:
-            self._observed.append(self._observer.yaw_rates)
+            self._observed.append((*self._observer.yaw_rates, state.yaw_rate))
         else:
             self._observed.clear()
 

@@ -149,7 +149,8 @@ class Monitors:
         observer, wheels = self._observer, state.sources["wheel_speeds"].valid
         both = wheels and state.sources["imu"].valid and not self._imu_gone
         fixes = None if self.position.wrong and not self.imu_wrong else course
-        off_s = self._imu.update(0.0 if self._wheels_apart else observer.imu_off, now_ns)
+        excused = self._wheels_apart or (fixes is not None and self.motion.fixes_favour_gyro(fixes))
+        off_s = self._imu.update(0.0 if excused else observer.imu_off, now_ns)
         imu = math.inf if self._itself.found else off_s
         one = self._wheel.update(observer.wheel_off, now_ns)
         changes = self._speed.update(observer.speed_off if both else 0.0, now_ns)

@@ -77,6 +77,6 @@ class Fixes:
         since = (times - self.stamp_ns) / NS_PER_S
         if len(times) < LEAST_FIXES or (np.diff(times) <= 0).any():
             return None
-        fit = Parabola.fitted(since, places)
+        fit = Parabola.fitted(since, places, self.noise)
         slow = abs(fit.velocity) < SLOWEST
         return None if slow or fit.scatter(since, places, self.noise) > 1.0 else fit

@@ -92,7 +92,7 @@ def test_a_reckoning_that_restarts_goes_on_from_the_fixes(rig):
     )
     standing = rig.gateway.builder.build(rig.now_ns, 9, 1, 0)
     reckoning.step(rig.now_ns, standing, Motion(40.0), start)
-    reckoning.restart(rig.now_ns, Course(10.0, 5.0, 0.1, 40.0, 0.0))
+    reckoning.restart(rig.now_ns, Course(10.0, 5.0, 0.1, 40.0, 0.0, 0.03))
     pose = reckoning.step(rig.now_ns + TICK_NS, standing, Motion(40.0, by_gyro=False), None)
     assert pose is not None and pose.yaw == 0.1
     assert (pose.x, pose.y) == pytest.approx((10.0 + 0.4 * math.cos(0.1), 5.0 + 0.4 * math.sin(0.1)))

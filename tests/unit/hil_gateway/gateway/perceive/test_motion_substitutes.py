@@ -144,7 +144,7 @@ def test_without_a_gyro_the_observer_tells_at_once_what_the_course_does_not_know
     than the observer begins there is the course alone."""
     speed = 40.0 if known else 9.0
     reader, straight = made(), driving(speed, 0.0, sources=True)
-    course, now_ns = Course(0.0, 0.0, 0.0, speed, 0.0), 0
+    course, now_ns = Course(0.0, 0.0, 0.0, speed, 0.0, 0.03), 0
     sides = (("fl", -CAR.track_front), ("fr", CAR.track_front), ("rl", -CAR.track_rear), ("rr", CAR.track_rear))
     turning = straight.model_copy(update={f"wheel_speed_{wheel}": speed + 0.5 * 0.3 * track for wheel, track in sides})
     reader.judged = Judged(imu_gone=True, steers=False)

@@ -177,7 +177,7 @@ def imu_wrong_in_a_slide(turned: Motor) -> bool:
     push, and as neither wheels nor fixes say."""
     rig = Rig()
     rig.run(0.05)
-    monitors, course, car = Monitors(Config(), None), Course(0.0, 0.0, 0.0, SPEED, 0.0), TurningCar(CAR, SPEED)
+    monitors, course, car = Monitors(Config(), None), Course(0.0, 0.0, 0.0, SPEED, 0.0, 0.03), TurningCar(CAR, SPEED)
     for tick in range(-200, 230):
         steer = (turned(tick) if tick >= 0 else chicane(tick)) / CAR.steering_ratio
         car.turn(steer)

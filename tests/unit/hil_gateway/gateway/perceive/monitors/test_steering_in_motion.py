@@ -58,7 +58,7 @@ def stopped_at(
         said = car.reports() | {"steer": round(math.degrees(held) / 0.5) * math.radians(0.5) / CAR.steering_ratio}
         state = before.model_copy(update={**said, "sys_state": SysState.DRIVING})
         commanded, now_ns = ActuatorPositions(asked(t), 0.0, 0.0, 0.0, 3), (t + 1) * 10_000_000
-        course = Course(0.0, 0.0, 0.0, car.speed, 0.0)
+        course = Course(0.0, 0.0, 0.0, car.speed, 0.0, 0.03)
         monitors.motion.step(now_ns, state, course, commanded)
         if monitors.measures(now_ns, state, None, commanded, course)["steering_stuck"] >= 0.1:
             return t

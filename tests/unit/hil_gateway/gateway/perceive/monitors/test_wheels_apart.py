@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
-from support.cars.scripted_car import Rig
+import pytest
+from support.cars.scripted_car import Rig, reported_state
+from support.cars.turning_car import TurningCar
 
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import load_car
@@ -37,11 +39,30 @@ def test_wheels_that_all_others_contradict_judge_no_imu() -> None:
     assert not monitors.imu_wrong
 
 
+@pytest.mark.parametrize("fixes", [True, False])
+def test_an_imu_that_the_fixes_confirm_is_not_blamed_for_swapped_wheels(fixes: bool) -> None:
+    """From a straight on, before a bend: all four wheels agree that it goes the other way."""
+    monitors, car, before = Monitors(Config(), None), TurningCar(CAR, 60.0), reported_state()
+    for tick in range(700):
+        steer = car.angle(4e-3 * min(max(tick - SWAPPED, 0) / 300, 1.0))
+        car.turn(steer)
+        said = car.reports() | {"steer": steer, "sys_state": SysState.DRIVING}
+        if tick >= SWAPPED:
+            for axle in "fr":
+                left, right = f"wheel_speed_{axle}l", f"wheel_speed_{axle}r"
+                said[left], said[right] = said[right], said[left]
+        state, now_ns = before.model_copy(update=said), (tick + 1) * 10_000_000
+        course = Course(0.0, 0.0, 0.0, car.speed, car.yaw_rate, 0.03) if fixes else None
+        monitors.motion.step(now_ns, state, course, None)
+        monitors.measures(now_ns, state, None, None, course)
+    assert monitors.imu_wrong is not fixes
+
+
 def test_wheels_that_jump_by_less_than_fixes_tell_do_not_make_the_imu_wrong() -> None:
     """By 9 % at once, as where a second sender speaks: neither IMU nor brakes have slowed the car down."""
     rig = Rig()
     rig.run(0.05)
-    monitors, course = Monitors(Config(), None), Course(0.0, 0.0, 0.0, SPEED, 0.0)
+    monitors, course = Monitors(Config(), None), Course(0.0, 0.0, 0.0, SPEED, 0.0, 0.03)
     for tick in range(SWAPPED + 30):
         wheels = SPEED if tick < SWAPPED else 0.91 * SPEED
         changes = {f"wheel_speed_{at}": wheels for at in ("fl", "fr", "rl", "rr")}
