@@ -73,9 +73,8 @@ class Observer:
         self._forget()
 
     def _forget(self) -> None:
-        self.imu_off = self.wheel_off = self.speed_off = self.ahead_off = 0.0
-        """how far the IMU is off what the others predict; one axle's wheels; the speed of the wheels; and that where it
-        is not off without the IMU, so that the IMU is to blame"""
+        self.imu_off = self.wheel_off = self.speed_off = 0.0
+        """how far the IMU is off what the others predict; one axle's wheels; the speed of the wheels"""
 
     @property
     def steer_zero(self) -> float:
@@ -167,4 +166,3 @@ class Observer:
             front, rear, *_ = self._lateral.main.off
             self.wheel_off = max(abs(front), abs(rear)) / GATE
             self.speed_off = abs(self._longitudinal.main.off[0]) / GATE
-            self.ahead_off = self.speed_off if abs(self._longitudinal.without.off[0]) < GATE else 0.0

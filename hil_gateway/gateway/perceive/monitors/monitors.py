@@ -26,14 +26,12 @@ from hil_gateway.track.track import Track
 
 
 class SensorMonitors(NamedTuple):
-    """Seconds that the IMU has been off what all others say, that wheels have, that their speed has been off that by
-    IMU, engine and brakes, and that it has been so by the IMU alone; whether fixes say anything, and whether they
-    contradict that speed, too."""
+    """Seconds that the IMU has been off what all others say, that wheels have, and their speed has been off the one
+    by IMU, engine and brakes; whether fixes say anything, and whether they contradict that speed, too."""
 
     imu: float
     wheels: float
     speed: float
-    ahead: float
     fixes: bool
     slipping: bool
 
@@ -46,7 +44,7 @@ class Monitors:
         self._observer = Observer(config)
         self.motion = MotionReader(car, self._observer)
         self.position = PositionMonitor(config.placing.noise)
-        self._imu, self._wheel, self._speed, self._ahead, self._by_fixes = (Comparison() for _ in range(5))
+        self._imu, self._wheel, self._speed, self._by_fixes = (Comparison() for _ in range(4))
         self._itself = ImuMonitor(car)
         self._following = FollowingMonitor(car)
         self._reversed = ReversedMonitor(car)
@@ -129,7 +127,7 @@ class Monitors:
         sensors = self._compare(now_ns, state, course)
         tells = state.sources["imu"].valid and not self._imu_gone and speed > SLOWEST
         unanswered_s = self._acceleration.step(now_ns, state.ax, self._following.obeyed if tells else ())
-        self._distrust(sensors, max(sensors.ahead, unanswered_s))
+        self._distrust(sensors, unanswered_s)
         # a source that is not believed any more stops the car, whatever it says from then on
         return {
             "position_wrong": math.inf if self.position.wrong else 0.0,
@@ -154,12 +152,11 @@ class Monitors:
         imu = math.inf if self._itself.found else off_s
         one = self._wheel.update(observer.wheel_off, now_ns)
         changes = self._speed.update(observer.speed_off if both else 0.0, now_ns)
-        ahead = self._ahead.update(observer.ahead_off if both else 0.0, now_ns)
         apart = 0.0
         if both and fixes is not None:
             apart = abs(second_fastest(state) - fixes.speed) / (SHARE * fixes.speed)
         by_fixes = self._by_fixes.update(apart, now_ns)
-        return SensorMonitors(imu, one, changes, ahead, fixes is not None, min(changes, by_fixes) > 0.0)
+        return SensorMonitors(imu, one, changes, fixes is not None, min(changes, by_fixes) > 0.0)
 
     def _miss(self, now_ns: int, state: VehicleState) -> None:
         """An IMU that no longer measures, or is gone while the wheels go on reporting."""

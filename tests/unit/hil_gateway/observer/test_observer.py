@@ -192,7 +192,6 @@ def test_wheels_that_are_all_a_fifth_wrong_do_not_fit_imu_and_engine(
     observer, now = drive.observer, state.model_copy(update=drive.reports())
     observer.step(now, SPEED, share * SPEED, Acts(now.steer, 0.0, 0.0, PUSHED), 0.0, imu=True, judges=True, steers=True)
     assert (observer.speed_off > 1.0) is found
-    assert observer.ahead_off < 1.0, "without the IMU the wheels are off, too: it is not to blame"
 
 
 @pytest.mark.parametrize("steers", [True, False])
