@@ -147,8 +147,7 @@ class Monitors:
         observer, wheels = self._observer, state.sources["wheel_speeds"].valid
         both = wheels and state.sources["imu"].valid and not self._imu_gone
         fixes = None if self.position.wrong and not self.imu_wrong else course
-        excused = self._wheels_apart or (fixes is not None and self.motion.fixes_favour_gyro(fixes))
-        off_s = self._imu.update(0.0 if excused else observer.imu_off, now_ns)
+        off_s = self._imu.update(0.0 if self._excused(fixes) else observer.imu_off, now_ns)
         imu = math.inf if self._itself.found else off_s
         one = self._wheel.update(observer.wheel_off, now_ns)
         changes = self._speed.update(observer.speed_off if both else 0.0, now_ns)
@@ -157,6 +156,12 @@ class Monitors:
             apart = abs(second_fastest(state) - fixes.speed) / (SHARE * fixes.speed)
         by_fixes = self._by_fixes.update(apart, now_ns)
         return SensorMonitors(imu, one, changes, fixes is not None, min(changes, by_fixes) > 0.0)
+
+    def _excused(self, fixes: Course | None) -> bool:
+        """Whether what contradicts the IMU is itself contradicted: the wheels by all others, or all by the fixes."""
+        if self._wheels_apart or not self._observer.imu_off > 1.0:  # as it nearly always is not
+            return self._wheels_apart
+        return fixes is not None and self.motion.fixes_favour_gyro(fixes)
 
     def _miss(self, now_ns: int, state: VehicleState) -> None:
         """An IMU that no longer measures, or is gone while the wheels go on reporting."""
