@@ -158,8 +158,9 @@ class MotionReader:
             return None
         ratio = self._vehicle.steering_ratio * (-1.0 if mirrored else 1.0)
         angles = [angle / ratio for angle in self._asked]
-        answered, waiting = angles[: 1 - self._late], angles[1 - self._late :]
-        return now.onward(answered[len(answered) - round(late_s / PERIOD_S) :]).onward(waiting)
+        answered = len(angles) + 1 - self._late
+        unheard = max(answered - round(late_s / PERIOD_S), 0)
+        return now.onward(angles[unheard:answered]).onward(angles[answered:])
 
     def turned_within(self, seconds: float) -> float:
         """By how much the yaw rate has changed lately by the observer, rad/s; `COURSE_WINDOW` at most."""

@@ -191,3 +191,22 @@ def test_driven_wheels_that_spin_under_power_are_not_the_speed_of_the_car(
     names = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
     state = rig.gateway.seen[0].model_copy(update={"drive": drive, **dict(zip(names, wheels, strict=True))})
     assert second_fastest(state) == speed
+
+
+@pytest.mark.parametrize("late_periods", [1, 10])
+def test_both_axles_are_those_of_when_the_steering_answers(late_periods: int) -> None:
+    """One period of lateness is that of the report: such steering answers at once, and nothing waits."""
+    hertz, dead = 1e4, 0.01 * (late_periods - 1)
+    car = load_car()
+    quick = car.actuators.model_copy(update={"steering_bandwidth": hertz, "steering_delay": dead})
+    reader = MotionReader(car.model_copy(update={"actuators": quick}), Observer(CONFIG))
+    straight, turning = (ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 3) for steer in (0.0, 0.03))
+    now_ns = run(reader, driving(40.0, 0.0, sources=True), 2.0, 0, straight)
+    run(reader, driving(40.0, 0.0, sources=True), 0.2, now_ns, turning)
+    in_time, late, long_ago = (reader.axles(late_s, mirrored=False) for late_s in (0.0, 0.05, 10.0))
+    mirrored = reader.axles(0.0, mirrored=True)
+    assert in_time is not None and late is not None and long_ago is not None and mirrored is not None
+    assert (in_time.turned == 0.0) is (late_periods == 1)
+    assert late.yaw_rate > in_time.yaw_rate + 0.02 * (late_periods > 1)
+    assert math.isfinite(long_ago.steered(0.0))
+    assert mirrored.turned == pytest.approx(-in_time.turned, abs=2e-3)
