@@ -23,11 +23,11 @@ class Axle(NamedTuple):
     """Specific force over slip angle, m/s2 of the whole car were the other axle like it."""
 
     most: float
-    """m/s2 beside what engine and brakes ask of it"""
+    """m/s2 that engine and brakes leave of it"""
     slope: float
     """rad"""
     error: float
-    """m/s2 that it makes beyond the model"""
+    """m/s2 that it makes beyond that, whatever its tyres are"""
 
     def force(self, angle: float) -> float:
         """At a slip angle, rad."""
@@ -40,7 +40,7 @@ class Axle(NamedTuple):
 
 
 NEARLY = math.sqrt(1.0 - lateral.NOISE.least_left**2)
-"""of its force: more takes ever larger angles"""
+"""of the most: where hardly any grip is left along, as `lateral` has it, more takes ever larger angles"""
 
 
 class Axles(NamedTuple):
@@ -53,10 +53,10 @@ class Axles(NamedTuple):
     side_speed: float
     yaw_rate: float
     zero: float
-    """road-wheel angle beyond what is asked for, rad"""
+    """road-wheel angle by which the tyres turn beyond the one that is asked for, rad"""
     gravity_across: float
     turned: float = 0.0
-    """rad by which the car has turned on its way `onward`"""
+    """rad by which the car has turned on its last way `onward`"""
 
     def onward(self, angles: Sequence[float]) -> Self:
         """After so many periods under these road-wheel angles, rad."""

@@ -87,11 +87,12 @@ class Observer:
         lane, _ = self.steering.told or (self._lateral.main, 0.0)
         return lane.now[lateral.VY] / self._turning.speed if self.runs else 0.0
 
-    def axles(self, imu: bool) -> Axles | None:
-        """Of the newest period, by all that is believed, the `imu` or not; None where the car is slow."""
+    @property
+    def axles(self) -> Axles | None:
+        """Of the newest period, by all sources and the steering angle that is told; None where the car is slow."""
         if not self.runs:
             return None
-        lane, beyond = (imu and self.steering.told) or (self._lateral.main if imu else self._lateral.without, 0.0)
+        lane, beyond = self.steering.told or (self._lateral.main, 0.0)
         x: list[float] = list(lane.now)
         for tyre in (lateral.SF, lateral.SR, lateral.MUF, lateral.MUR):  # no slide shows tyres that give nothing
             x[tyre] = max(x[tyre], lateral.NOISE.least_left * self._declared[tyre])

@@ -110,7 +110,7 @@ class Stopping:
             pose = pose.onward(late_s * pose.speed, axles.turned)
         curvature, bend = self._curvatures(path, pose, motion, axles)
         self._asked = abs(curvature)
-        late_s += motion.late_s
+        late_s = motion.late_s + max(late_s, 2.0 * PERIOD_S)  # a period each for command and report
         if axles is not None:
             return axles.steered((motion.speed * curvature - axles.yaw_rate) / late_s)
         too_slow = motion.speed * curvature - motion.yaw_rate

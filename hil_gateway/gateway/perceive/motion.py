@@ -121,8 +121,9 @@ class MotionReader:
         """yaw rate that the steering comes to by now, rad/s"""
         self._last_ns: int | None = None
         self._late = periods_late(car)
-        self._asked: deque[float] = deque([0.0] * ANSWER * self._late, maxlen=ANSWER * self._late)
-        """steering angles on the wire, rad at the motor, the oldest of which any steering has reached"""
+        kept = ANSWER * self._late + round(UNSEEN_S / PERIOD_S)
+        self._asked: deque[float] = deque([0.0] * kept, maxlen=kept)
+        """steering angles on the wire, rad at the motor: any steering has reached the oldest that late frames tell of"""
         self._observed: deque[tuple[float, float, float]] = deque(maxlen=COURSE_WINDOW)
         """yaw rates by the observer in the periods a course spans, by it without the IMU and by the gyro, rad/s"""
         self.motion = Motion()
@@ -153,8 +154,8 @@ class MotionReader:
     def axles(self, late_s: float, mirrored: bool) -> Axles | None:
         """When what is asked for now is answered; None where the car is slow, or how it turns is not known. `late_s`:
         how late all frames are; `mirrored`: whether the steering goes to the other side than its command."""
-        now = self._observer.axles(self.motion.by_gyro)
-        if now is None or not self.motion.by_gyro:
+        now = self._observer.axles if self.motion.by_gyro else None
+        if now is None:
             return None
         ratio = self._vehicle.steering_ratio * (-1.0 if mirrored else 1.0)
         angles = [angle / ratio for angle in self._asked]

@@ -21,7 +21,7 @@ def observed(steer: float, seconds: float = 4.0) -> tuple[ObservedCar, Axles]:
     car = ObservedCar(SPEED)
     for _ in range(round(100 * seconds)):
         car.step(steer, steer, steer)
-    axles = car.observer.axles(imu=True)
+    axles = car.observer.axles
     assert axles is not None
     return car, axles
 
@@ -53,14 +53,6 @@ def test_it_goes_on_as_the_car_does():
     assert ahead.side_speed == pytest.approx(car.car.side_speed, abs=0.1)
 
 
-def test_where_nothing_is_known_of_what_the_imu_shows_the_car_is_known_without_it():
-    steer = ObservedCar(SPEED).car.angle(2e-3)
-    car, _ = observed(steer)
-    without = car.observer.axles(imu=False)
-    assert without is not None
-    assert without.steered(0.0) == pytest.approx(steer, abs=3e-3)
-
-
 def test_a_car_that_slides_is_steered_into_its_slide():
     further = SLIDES._replace(side_speed=SLIDES.side_speed - 3.0)
     assert further.steered(0.0) == pytest.approx(SLIDES.steered(0.0) - 3.0 / SPEED, abs=1e-3)
@@ -90,7 +82,7 @@ def test_the_told_angle_is_the_one_that_counts():
     for i in range(120):
         angle = car.car.angle(2.5e-3 * min(i / 40.0, 1.0))
         car.step(angle, 0.0, angle)
-    axles = car.observer.axles(imu=True)
+    axles = car.observer.axles
     assert car.observer.steering.as_asked
     assert axles is not None
     assert axles.steered(0.0) == pytest.approx(angle, abs=2e-3)
@@ -99,4 +91,4 @@ def test_the_told_angle_is_the_one_that_counts():
 def test_a_slow_car_is_not_known():
     car = ObservedCar(5.0)
     car.step(0.0, 0.0, 0.0)
-    assert car.observer.axles(imu=True) is None
+    assert car.observer.axles is None
