@@ -123,7 +123,7 @@ class MotionReader:
         self._late = periods_late(car)
         kept = ANSWER * self._late + round(UNSEEN_S / PERIOD_S)
         self._asked: deque[float] = deque([0.0] * kept, maxlen=kept)
-        """steering angles on the wire, rad at the motor: any steering has reached the oldest that late frames tell of"""
+        """steering angles on the wire, rad at the motor: any steering has reached the oldest that late frames say"""
         self._observed: deque[tuple[float, float, float]] = deque(maxlen=COURSE_WINDOW)
         """yaw rates by the observer in the periods a course spans, by it without the IMU and by the gyro, rad/s"""
         self.motion = Motion()
