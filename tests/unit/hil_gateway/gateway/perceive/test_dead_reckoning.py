@@ -14,8 +14,6 @@ from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.motion import Motion
 
 TICK_NS = 10_000_000
-REAR = 0.0
-"""m: a point that needs no side slip to turn"""
 
 
 @pytest.fixture(scope="module")
