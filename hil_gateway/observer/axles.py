@@ -70,12 +70,6 @@ class Axles(NamedTuple):
             turned += PERIOD_S * rate
         return self._replace(side_speed=side, yaw_rate=rate, turned=turned)
 
-    def weakened(self, front: float, rear: float) -> Self:
-        """Where the tyres of an axle make only this share of what the observer knows."""
-        return self._replace(
-            front=self.front._replace(most=front * self.front.most), rear=self.rear._replace(most=rear * self.rear.most)
-        )
-
     def steered(self, turning: float) -> float:
         """Road-wheel angle to ask for, rad, so that the yaw rate changes by `turning`, rad/s2."""
         rear = self.rear.force(self._rear_slips(self.side_speed, self.yaw_rate))

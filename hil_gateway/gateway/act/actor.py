@@ -17,7 +17,7 @@ from hil_gateway.gateway.act import actuator_test
 from hil_gateway.gateway.act.axle_brakes import AxleBrakes, AxleDemand
 from hil_gateway.gateway.act.hill_start import HillStart
 from hil_gateway.gateway.act.limits import Limits, RawCommand
-from hil_gateway.gateway.act.stopping import FLAT_GRIP, Stopping
+from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.act.stuck_steering import StuckSteering
 from hil_gateway.gateway.act.transmitter import Transmitter
 from hil_gateway.gateway.decide.decision import Decision
@@ -172,9 +172,8 @@ class Actor:
         if stuck:
             self._stuck.judge(now.turns)
         held = stuck and self._stuck.stands
-        brakes, flat = cause not in UNBRAKED, (FLAT_GRIP if f else 1.0 for f in (now.flat_front, now.flat_rear))
-        axles = None if now.axles is None else now.axles.weakened(*flat)
-        steer, drive = self.stopping.command(motion, pose, emergency, axles, steers=not held, brakes=brakes)
+        brakes = cause not in UNBRAKED
+        steer, drive = self.stopping.command(motion, pose, emergency, now.axles, steers=not held, brakes=brakes)
         if stuck and self._stuck.locks(motion, pose):
             drive = -self._full_brakes
         return (-steer if now.steering_reversed else steer), drive

@@ -63,12 +63,6 @@ def test_a_slide_is_ended_by_the_angle_that_turns_the_car_back():
     assert (back.yaw_rate - SLIDES.yaw_rate) / 0.01 == pytest.approx(-4.0, rel=0.01)
 
 
-def test_an_axle_that_is_weaker_than_known_is_asked_for_no_more_than_it_has():
-    flat = SLIDES.weakened(1.0, 0.5)
-    assert flat.rear.force(1.0) == pytest.approx(7.0)
-    assert flat.steered(0.0) < SLIDES.steered(0.0) - 0.03
-
-
 def test_more_force_than_the_front_axle_has_takes_no_endless_angle():
     most = Axle(20.0, 0.08, 1.0)
     assert most.angle(1e3) == -Axle(20.0, 0.08, -1.0).angle(-1e3)
