@@ -34,16 +34,12 @@ FILTERS = 3
 """of a bank; or three steering angles that may be true"""
 
 
-def unlikely(square: float) -> float:
-    """Negative log-likelihood of what is off by so many deviations, squared; what is not taken in counts as that."""
-    return 0.5 * min(square, GATE**2)
-
-
 class FilterLane:
     """One filter of several: views of its part of the arrays of all."""
 
     def __init__(self, function: CompiledFunction, i: int) -> None:
-        (means, covariances, _, uses), (_, _, off, fit), n = function.inputs, function.outputs, len(function.inputs[0])
+        (means, covariances, _, uses), (_, _, off, fit, unlikely) = function.inputs, function.outputs
+        n = len(means)
         self.mean, self.covariance, self.uses = means[:, i], covariances[:, n * i : n * (i + 1)], uses[:, i]
         self.now = self.mean.data
         """the mean, of which single numbers are read"""
@@ -51,6 +47,8 @@ class FilterLane:
         """what the measurements show beyond what is predicted, in deviations"""
         self.fit = fit[:, i].data
         """chi-square of what the IMU shows"""
+        self.others = unlikely[:, i].data
+        """negative log-likelihood of what all others show that are used"""
         self.age_s = self.gains = 0.0
         """since it was begun; and how much likelier the filter with all sources has made the others since then, as a
         logarithm"""
@@ -58,10 +56,6 @@ class FilterLane:
     def renew(self, other: FilterLane) -> None:
         """Go on from where another one is."""
         self.mean[:], self.covariance[:], self.age_s, self.gains = other.mean, other.covariance, 0.0, 0.0
-
-    def unlikely(self, others: Sequence[bool]) -> float:
-        """Negative log-likelihood of what the `others` show that are used; the IMU's come after them."""
-        return sum([unlikely(off**2) for off, used in zip(self.off, others, strict=False) if used])
 
 
 class Filters:
@@ -120,10 +114,9 @@ class Bank(Filters):
         if not self._moving:
             self._begin()
         self._step(period, others, imu)
-        explained = self.main.unlikely(others)
         for lane in self._lanes:
             lane.age_s += period[0]
-            lane.gains += lane.unlikely(others) - explained
+            lane.gains += lane.others[0] - self.main.others[0]
 
     def renew(self) -> None:
         """The IMU fits: what does without it may begin anew, when it is its turn."""

@@ -56,11 +56,11 @@ class StepModel(Protocol):
 
 def step_function(name: str, model: StepModel, given: Expr, gate: float, filters: int) -> CompiledFunction:
     """(means (n, k), covariances (n, k n), given, uses (m, k)) of k filters to their next means and covariances; what
-    the measurements show beyond what is predicted, in deviations of that (m, k); and how the judged ones fit before
-    they are taken in, as chi-square (1, k).
+    the measurements show beyond what is predicted, in deviations of that (m, k); how the judged ones fit before they
+    are taken in, as chi-square (1, k); and the negative log-likelihood of the others (1, k).
 
     `uses` are 1 where a measurement is taken in, 0 where it is only looked at. One that is not among the judged and
-    further off than `gate` deviations is not taken in.
+    further off than `gate` deviations is not taken in, and counts as that far off.
     """
     mean, covariance = ca.SX.sym("mean", model.states), ca.SX.sym("covariance", model.states, model.states)
     count = len(model.measured())
@@ -70,10 +70,10 @@ def step_function(name: str, model: StepModel, given: Expr, gate: float, filters
     first = count - model.judged
     for i in range(first):
         step.update(i, uses[i], gate)
-    fit = step.fit(range(first, count))
+    fit, unlikely = step.fit(range(first, count)), ca.dot(uses[:first], step.unlikely(gate))
     for i in range(first, count):
         step.update(i, uses[i], ca.inf)
-    found = [*step.known, ca.vertcat(*step.off), fit]
+    found = [*step.known, ca.vertcat(*step.off), fit, unlikely]
     one = ca.Function(name, [mean, covariance, given, uses], [ca.densify(e) for e in found])
     return compile_function(one.map(f"{name}_bank", "serial", filters, [2], []), flags=EXACT)
 
@@ -111,6 +111,10 @@ class _Step:
         gain = use * (ca.fabs(off) < gate * deviation) * shared / total
         self.known = Known(mean + gain * off, symmetric(covariance - gain @ shared.T))
         self.off.append(off / deviation)
+
+    def unlikely(self, gate: float) -> Expr:
+        """Negative log-likelihoods of what has been judged so far."""
+        return ca.vertcat(*(0.5 * ca.fmin(off**2, gate**2) for off in self.off))
 
     def _at(self, function: Expr) -> Expr:
         """A function of the states at their mean."""

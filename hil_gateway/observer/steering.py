@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 
 from hil_gateway.car.car import Car
-from hil_gateway.observer.bank import CHANCE, DOUBTED, FILTERS, RENEWED_S, FilterLane, Filters, unlikely
+from hil_gateway.observer.bank import CHANCE, DOUBTED, FILTERS, GATE, RENEWED_S, FilterLane, Filters
 from hil_gateway.observer.lateral import DELAY, ZERO, LateralPeriod, lateral_filters
 from hil_gateway.process.arrays import Array
 
@@ -47,7 +47,7 @@ class SteeringHypotheses(Filters):
             lane.mean[ZERO] += beyond - self._beyond[i]
             self._beyond[i] = beyond
         self._step(period._replace(steers=1.0), others, True)
-        shown = [lane.unlikely(others) + unlikely(lane.fit[0]) for lane in self._all]
+        shown = [lane.others[0] + 0.5 * min(lane.fit[0], GATE**2) for lane in self._all]
         explained = min(shown) < TOLD  # else something else is wrong, which tells nothing of angles
         for i, now in enumerate(shown):
             self._unlikely[i] += explained * now - self._unlikely[i] * period.dt / RENEWED_S

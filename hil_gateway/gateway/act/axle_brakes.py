@@ -71,9 +71,11 @@ class AxleBrakes:
         self._asked.append((on_wire.brake_front, on_wire.brake_rear))
         if len(self._asked) < self._window or not state.sources["pedals"].valid:
             return
+        scatter = PEDALS * self._most
         for circuit, reported in enumerate((state.brake_front, state.brake_rear)):
-            asked, scatter = min(pressures[circuit] for pressures in self._asked), PEDALS * self._most
-            if asked > scatter:
+            if self._answers[circuit] == 1.0 and reported >= self._asked[-1][circuit] - scatter:
+                continue  # as it nearly always is
+            if (asked := min(pressures[circuit] for pressures in self._asked)) > scatter:
                 self._answers[circuit] = reported / asked if reported < asked - scatter else 1.0
 
     def start(self) -> None:

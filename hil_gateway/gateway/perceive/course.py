@@ -57,9 +57,9 @@ class Parabola(NamedTuple):
     def fitted(cls, times: Array, places: Array, noise: float) -> Parabola:
         """Least squares; arrays (n,), `noise` of a place, m."""
         powers = np.vander(times, 3, increasing=True)
-        half_std = noise * math.sqrt(np.linalg.inv(powers.T @ powers)[2, 2])
-        place, velocity, half = np.linalg.lstsq(powers, places, rcond=None)[0].tolist()
-        return cls(place, velocity, half, half_std)
+        surer = np.linalg.inv(powers.T @ powers)
+        place, velocity, half = (surer @ (powers.T @ places)).tolist()
+        return cls(place, velocity, half, noise * math.sqrt(surer[2, 2]))
 
     def scatter(self, times: Array, places: Array, noise: float) -> float:
         """Of those places at those times beside it, over what `noise` (m) and fixes that come late explain."""
