@@ -232,7 +232,7 @@ class Gateway:
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
         sent, limited = self._actor.step(Period(
             now_ns, state, motion, decision, command, pose, self._tyres.flat_front, self._tyres.flat_rear,
-            monitors.blind, monitors.turns, monitors.steering_reversed,
+            monitors.blind, monitors.turns, monitors.steering_stands, monitors.steering_reversed,
             caution_speed(self.builder, self._caution_speed),
             monitors.motion.axles(motion.late_s, monitors.steering_reversed) if decision.stopping else None,
         ))  # fmt: skip

@@ -57,6 +57,8 @@ class Period(NamedTuple):
     """whether no fixes hold the pose"""
     turns: SteeringHypotheses
     """by which angle the car does"""
+    steering_stands: bool
+    """whether its report does not move as it is asked to"""
     steering_reversed: bool
     """whether the steering goes to the other side than its command: a stop then asks for the other side"""
     caution_speed: float
@@ -143,7 +145,6 @@ class Actor:
     def _wanted(self, now: Period) -> ActuatorPositions:
         state, motion, command = now.state, now.motion, now.command
         gear = self._gears.step(now.now_ns, motion.speed, state.engine_speed, state.gear)
-        self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor))
         self._axles.watch(state, self.on_wire)
         driving = now.decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
@@ -170,11 +171,11 @@ class Actor:
         emergency = now.decision.action is FailsafeAction.EMERGENCY_STOP or cause in HARD
         stuck = cause == "steering_stuck" and not now.steering_reversed
         if stuck:
-            self._stuck.judge(now.turns)
+            self._stuck.judge(now.turns, still=now.steering_stands)
         held = stuck and self._stuck.stands
         brakes = cause not in UNBRAKED
         steer, drive = self.stopping.command(motion, pose, emergency, now.axles, steers=not held, brakes=brakes)
-        if stuck and self._stuck.locks(motion, pose):
+        if stuck and self._stuck.locks(motion, pose, now.state.steer):
             drive = -self._full_brakes
         return (-steer if now.steering_reversed else steer), drive
 

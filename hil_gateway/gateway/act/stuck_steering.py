@@ -9,15 +9,11 @@ its wheels any more: it slides until it stands.
 from __future__ import annotations
 
 import math
-from collections import deque
 from functools import partial
-
-import numpy as np
 
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.act.stop_path import CLEAR
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.actuators import MOVED_SHARE, SteeringReports
 from hil_gateway.gateway.perceive.monitors.road import BEYOND, NEAR
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.observer.steering import SteeringHypotheses
@@ -37,8 +33,6 @@ class StuckSteering:
         self._grip = partial(config.grip, car.vehicle)
         self._sliding = math.sin(0.5 * math.pi * car.tyres.c)
         """of the grip that tyres have when they slide: where their curve sin(c atan(b s)) ends"""
-        self._angles: deque[tuple[float, float]] = deque(maxlen=SteeringReports(car).window)
-        """reported and asked, rad at the road wheel"""
         self.stands = False
         """whether the car turns by the angle that is reported, which does not move as it is asked to: steering that is
         reversed or slow does move"""
@@ -48,29 +42,24 @@ class StuckSteering:
         """A stop begins."""
         self._locks = self.stands = False
 
-    def watch(self, reported: float, asked: float) -> None:
-        """Road-wheel angles of a period, rad; in every period, so that a stop begins with what is known."""
-        self._angles.append((reported, asked))
-
-    def judge(self, turns: SteeringHypotheses) -> None:
-        """Once a period of a stop: a report that hangs is contradicted by a car that `turns` as it is asked to."""
-        reported, asked = np.array(self._angles).T
-        still = bool(reported.std() < MOVED_SHARE * asked.std())
+    def judge(self, turns: SteeringHypotheses, *, still: bool) -> None:
+        """Once a period of a stop; whether the report stands `still`: one that hangs is contradicted by a car that
+        `turns` as it is asked to."""
         self.stands = not turns.as_asked and (self.stands or (still and turns.as_reported))
 
-    def locks(self, motion: Motion, pose: Pose | None) -> bool:
-        """Whether to slide straight on, with all that the brakes give; after `judge`."""
+    def locks(self, motion: Motion, pose: Pose | None, steer: float) -> bool:
+        """Whether to slide straight on, with all that the brakes give; after `judge`. `steer` is reported, rad."""
         if pose is not None and self._track is not None and self.stands and not self._locks:
-            margins = [self._margin(self._track, pose, motion.understeer, after_s) for after_s in SLIDES_AFTER_S]
+            margins = [self._margin(self._track, pose, steer, motion.understeer, t) for t in SLIDES_AFTER_S]
             best = max(margins) == margins[0]
             self._locks = best and margins[-1] < CLEAR and margins[0] > margins[-1] + BEYOND
         return self._locks
 
-    def _margin(self, track: Track, pose: Pose, understeer: float, slides_after_s: float) -> float:
+    def _margin(self, track: Track, pose: Pose, steer: float, understeer: float, slides_after_s: float) -> float:
         """Least distance of a wheel to the edge until the car stands, m, negative off the road: rolling on along an arc
         that becomes tighter as understeer goes with the speed, then sliding straight on."""
         s, lateral = track.project(pose.x, pose.y)
-        least, since_s, speed, turned = math.inf, 0.0, pose.speed, math.tan(self._angles[-1][0])
+        least, since_s, speed, turned = math.inf, 0.0, pose.speed, math.tan(steer)
         while speed > 0.0 and least > -NEAR:
             least = min(least, track.inside(s, lateral) - self._vehicle.half_width)
             rolls, grip = since_s < slides_after_s, self._grip(speed)

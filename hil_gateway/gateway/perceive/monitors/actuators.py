@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
-
-import numpy as np
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
-from hil_gateway.car.car import Car
+from hil_gateway.car.car import Actuators, Car
 from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.motion import ANSWER, BRAKED, periods_late
 from hil_gateway.observer.bank import GATE, RENEWED_S
 from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.observer.steering import SteeringHypotheses
-from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import PERIOD_S
 
 WINDOW = 4
@@ -34,40 +32,10 @@ class SteeringReports:
     def __init__(self, car: Car) -> None:
         self.ratio, self.late = car.vehicle.steering_ratio, periods_late(car)
         self.still = car.sensors.steering_noise
-        """within which a sensor stays that does not move"""
-        self.asked = GATE * self.still
-        """by which a command must change until steering that works has moved: play, overshoot"""
-        self.apart = car.std("sensors.steering_offset") + self.asked + self.still
-        """how far it may be off with the offset of its sensor"""
+        """noise of a sensor of steering that does not move"""
+        self.apart = car.std("sensors.steering_offset") + (GATE + 1.0) * self.still
+        """how far it may be off with the offset of its sensor, play and overshoot"""
         self.answer, self.window = ANSWER * self.late, WINDOW * self.late
-
-
-class _StandingSteering:
-    """Steering that has not moved since some moment, although its commands from then on asked it to."""
-
-    def __init__(self, steering: SteeringReports) -> None:
-        self._steering = steering
-        self._low = self._high = math.nan
-        self._unanswered: deque[float] = deque()
-        self._least, self._most = math.inf, -math.inf
-        """of the commands since then that had time to be answered"""
-
-    def step(self, reported: float, asked: float) -> None:
-        """Angles at the motor, rad; once a period."""
-        self._low, self._high = min(self._low, reported), max(self._high, reported)
-        if not self._high - self._low <= self._steering.still:
-            self._low = self._high = reported
-            self._unanswered.clear()
-            self._least, self._most = math.inf, -math.inf
-        self._unanswered.append(asked)
-        if len(self._unanswered) > self._steering.answer:
-            answered = self._unanswered.popleft()
-            self._least, self._most = min(self._least, answered), max(self._most, answered)
-
-    @property
-    def found(self) -> bool:
-        """Whether it stands still against its commands."""
-        return self._most - self._least > self._steering.asked
 
 
 class FollowingMonitor:
@@ -80,27 +48,25 @@ class FollowingMonitor:
         self._commands: deque[ActuatorPositions] = deque(maxlen=self._of.window)
         self.obeyed: Sequence[ActuatorPositions] = ()
         """all commands of a window, which the car has had to obey"""
-        self._standing = _StandingSteering(self._of)
         self._steering, self._pedals = ConditionTime(), ConditionTime()
 
     def step(
-        self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None, against: bool, told: bool
+        self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None, moves: bool, told: bool
     ) -> tuple[float, float]:
-        """How long what steering and pedals report has been outside of their commands, or the steering moves `against`
-        its own, s. `commanded` stands on the wire; None while nothing is sent or the car does not obey. Whether it is
-        `told` that the car turns by its command and not by its report, or the reverse: then no offset excuses it."""
+        """How long what steering and pedals report has been outside of their commands, or the steering no longer
+        `moves` as its own do, s. `commanded` stands on the wire; None while nothing is sent or the car does not obey.
+        Whether it is `told` that the car turns by its command and not by its report, or the reverse: then no offset
+        excuses it."""
         if commanded is None:
             self._commands.clear()
-            self._standing = _StandingSteering(self._of)
         else:
             self._commands.append(commanded)
-            self._standing.step(state.steer * self._of.ratio, commanded.steering_motor)
         full = len(self._commands) == self._of.window
         self.obeyed = self._commands if full else ()
         motor = state.steer * self._of.ratio
         steers = full and state.sources["steering"].valid
         apart = 0.0 if told else self._of.apart
-        steers = steers and (against or self._standing.found or self._outside(motor, "steering_motor", apart))
+        steers = steers and (not moves or self._outside(motor, "steering_motor", apart))
         pedals = full and state.sources["pedals"].valid
         pedals = pedals and (
             self._outside(state.brake_front, "brake_front", self._brakes)
@@ -122,30 +88,82 @@ MOVED_SHARE = 0.5
 an eighth as fast as the motor shows a quarter of a swerve"""
 
 
-def moved_share(done: Array, asked: Array) -> float:
-    """Least-squares share of the changes of `asked` that those of `done` are; arrays (n,); 0 where nothing is asked."""
-    least_squares = asked.var()
-    return float(np.mean((asked - asked.mean()) * (done - done.mean())) / least_squares) if least_squares else 0.0
+class Moved(NamedTuple):
+    """Least-squares share of the changes that are due that steering has made; negative to the other side."""
+
+    share: float
+    unsure: float
+    """by which chance may change it"""
+
+    def within(self, low: float, high: float) -> bool:
+        """Whether it is sure to be in between."""
+        return low + self.unsure < self.share < high - self.unsure
 
 
-class ReversedMonitor:
-    """Steering that goes to the other side than its command: the sensor says so, and the car turns that way.
+class _Due:
+    """Angles that are due from steering, dead time and then first order, beside those that are reported; rad at the
+    motor."""
+
+    def __init__(self, acts: Actuators, slower: float, noise: float, asked: float) -> None:
+        """Of steering so many times `slower` than declared; `noise` of a report; the first command."""
+        self._dead = deque([asked], maxlen=2 + round(slower * acts.steering_delay / PERIOD_S))
+        """and a period until it is reported"""
+        self._follows = 1.0 - math.exp(-math.tau * acts.steering_bandwidth * PERIOD_S / slower)
+        self._angle, self._noise2 = asked, noise**2
+        self._sums = deque([(0.0,) * 5], maxlen=1 + round(RENEWED_S / PERIOD_S))
+        """of both angles, of their squares and of their product, since the beginning"""
+
+    def step(self, asked: float, reported: float) -> None:
+        """A period."""
+        self._dead.append(asked)
+        self._angle += self._follows * (self._dead[0] - self._angle)
+        x, y, (sx, sy, sxx, sxy, syy) = self._angle, reported, self._sums[-1]
+        self._sums.append((sx + x, sy + y, sxx + x * x, sxy + x * y, syy + y * y))
+
+    def lately(self, periods: int) -> Iterator[int]:
+        """So many periods, twice as many and so on, as far as it is known."""
+        while periods < len(self._sums):
+            yield periods
+            periods *= 2
+
+    def moved(self, periods: int) -> Moved:
+        """In the last ones."""
+        sums = zip(self._sums[-1], self._sums[-1 - periods], strict=True)
+        x, y, xx, xy, yy = [(now - before) / periods for now, before in sums]
+        due2, both = xx - x * x, xy - x * y
+        if due2 <= 0.0:
+            return Moved(0.0, math.inf)
+        rest2 = max(yy - y * y - both**2 / due2, self._noise2)  # what the share leaves of the reports
+        return Moved(both / due2, GATE * math.sqrt(rest2 / (periods * due2)))
+
+
+class SteeringMonitor:
+    """Steering that does not move as its command does: it stands, or goes to the other side; the sensor says so, and
+    where it goes to the other side the car turns that way.
 
     Steering that is late or stuck does not go to the other side. A sensor with a wrong sign is contradicted by the
     gyro, which is not judged by it: it moves `against` its command.
     """
 
     def __init__(self, car: Car) -> None:
-        self._of = SteeringReports(car)
-        self._reported: deque[float] = deque(maxlen=self._of.window)
+        self._of, self._acts = SteeringReports(car), car.actuators
         self._asked: deque[float] = deque(maxlen=self._of.window)
-        self.against = False
-        """whether what is reported lies on the other side and moves to it as the command moves"""
+        self._reported: deque[float] = deque(maxlen=self._of.window)
+        """without what is learnt of its zero, which would pass for a movement"""
+        self._due: Sequence[_Due] = ()
+        """as late as declared, and `ANSWER` times as late"""
+        self.stands = self.against = False
+        """whether what is reported does not move as the command does; or lies on the other side and moves to it"""
         self.found = False
         """until the car stands, where a stop follows"""
         self._misreported = 0
         """for so many periods it is known that the report is reversed, as the car turned as it was asked to: what
         contradicts that later is a slide"""
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves as it is asked to, as far as can be told."""
+        return not (self.stands or self.against)
 
     def step(  # noqa: PLR0917 - what it is judged by
         self, state: VehicleState, turns: SteeringHypotheses, speed: float, commanded: ActuatorPositions | None,
@@ -159,16 +177,22 @@ class ReversedMonitor:
         if commanded is None or not state.sources["steering"].valid:
             self._asked.clear()
             self._reported.clear()
+            self.stands = False
             return
         steer, asked = state.steer + steer_zero, commanded.steering_motor
         self._asked.append(asked)
-        self._reported.append(state.steer * self._of.ratio)  # without what is learnt, which would pass for a movement
+        self._reported.append(state.steer * self._of.ratio)
+        if len(self._asked) == 1:
+            self._due = [_Due(self._acts, slower, self._of.still, asked) for slower in (1.0, ANSWER)]
+        for due in self._due:
+            due.step(asked, self._reported[-1])
+        self.stands = self._moved_within(-MOVED_SHARE, MOVED_SHARE)
         if asked * steer < 0.0 and speed > SLOWEST:
             self._judge(turns, steer * self._of.ratio, math.copysign(1.0, asked))
 
     def _judge(self, turns: SteeringHypotheses, motor: float, side: float) -> None:
         """A report on the other side than its command; `motor` with its zero, rad."""
-        self.against = self._moves_against()
+        self.against = self._moved_within(-math.inf, -MOVED_SHARE)
         if turns.as_asked:
             self._misreported = round(RENEWED_S / PERIOD_S)
         elif turns.as_reported and not self._misreported:
@@ -176,22 +200,18 @@ class ReversedMonitor:
 
     def _mirrors(self, side: float, motor: float) -> bool:
         """Whether it has gone to where its command would be on the other side."""
-        asked, apart = list(self._asked), self._of.apart
-        newest = asked[-self._of.answer :]
+        asked, apart = self._asked, self._of.apart
+        newest = list(asked)[-self._of.answer :]
         outside = not min(asked) - apart <= motor <= max(asked) + apart
         mirrored = min(newest) - apart < -motor < max(newest) + apart
         return outside and mirrored and side * (self._reported[0] - self._reported[-1]) > apart
 
-    def _moves_against(self) -> bool:
-        """Whether it goes to the other side as its command moves, however slowly and however late it may be, and
-        neither stands there nor seems to move by the noise of its sensor."""
-        if len(self._asked) < self._of.window:
-            return False
-        asked, reported, late, answer = np.array(self._asked), np.array(self._reported), self._of.late, self._of.answer
-        due, later = asked[:-late], asked[:-answer]
-        by_noise = GATE * self._of.still / math.sqrt(len(due))
-        moves = (moved_share(reported[late:], due) + MOVED_SHARE) * due.std() < -by_noise
-        return bool(moves) and moved_share(reported[answer:], later) < -MOVED_SHARE
+    def _moved_within(self, low: float, high: float) -> bool:
+        """Whether the share of its command's changes that it has made in any time is sure to be in between, and a later
+        answer does not explain that."""
+        now, later = self._due
+        times = [n for n in now.lately(self._of.answer) if now.moved(n).within(low, high)]
+        return any(low < later.moved(n).share < high for n in times)
 
 
 class AccelerationMonitor:

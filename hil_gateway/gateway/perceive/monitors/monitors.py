@@ -14,7 +14,7 @@ from hil_gateway.gateway.perceive.course import OLDEST_S, Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.duration import CONTRADICTED_S, SILENT_S, Comparison, ConditionTime
 from hil_gateway.gateway.perceive.inbox import usable
-from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
+from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, SteeringMonitor
 from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import SHARE, PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
@@ -47,7 +47,7 @@ class Monitors:
         self._imu, self._wheel, self._speed, self._by_fixes = (Comparison() for _ in range(4))
         self._itself = ImuMonitor(car)
         self._following = FollowingMonitor(car)
-        self._reversed = ReversedMonitor(car)
+        self._steering = SteeringMonitor(car)
         self._acceleration = AccelerationMonitor(car)
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = self._wheels_apart = False
         self._stopping = self._flat = False
@@ -85,9 +85,14 @@ class Monitors:
         return self._observer.steering
 
     @property
+    def steering_stands(self) -> bool:
+        """Whether the steering's report does not move as it is asked to."""
+        return self._steering.stands
+
+    @property
     def steering_reversed(self) -> bool:
         """Whether the steering goes to the other side than its command."""
-        return self._reversed.found
+        return self._steering.found
 
     @property
     def shares(self) -> dict[str, float]:
@@ -119,9 +124,8 @@ class Monitors:
         speed = self.motion.motion.speed
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
         asked, keeps = commanded if state.sys_state in STEERS else None, stopping or self._steering_off
-        self._reversed.step(state, self.turns, speed, asked, self._observer.steer_zero, keeps)
-        moves_against, told = self._reversed.against, self.turns.off > 1.0
-        steering_s, pedals_s = self._following.step(now_ns, state, obeyed, moves_against, told)
+        self._steering.step(state, self.turns, speed, asked, self._observer.steer_zero, keeps)
+        steering_s, pedals_s = self._following.step(now_ns, state, obeyed, self._steering.moves, self.turns.off > 1.0)
         self._steering_off = steering_s > 0.0
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         sensors = self._compare(now_ns, state, course)

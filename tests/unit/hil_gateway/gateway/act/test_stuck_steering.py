@@ -48,10 +48,9 @@ def slides(track: Track | None, curvature: float, asked: float, *, turns: bool =
     for tick in range(150):
         wanted = held if tick < 80 else held + min(0.05 * (tick - 80), 1.0) * (asked - held)
         hypotheses = car.step(wanted, held, wanted if turns else held)
-        stuck.watch(held, wanted)
         if tick >= 130:
-            stuck.judge(hypotheses)
-            locked += stuck.locks(moving(SPEED * curvature), pose)
+            stuck.judge(hypotheses, still=wanted != held)
+            locked += stuck.locks(moving(SPEED * curvature), pose, held)
     return locked
 
 
@@ -85,24 +84,18 @@ def test_a_car_that_has_not_turned_yet_with_a_command_that_jumps_goes_on_steerin
     for tick in range(60):
         turned = before if tick < 10 else share * before
         hypotheses = car.step(share * before, before, turned)
-        stuck.watch(before, share * before)
-        stuck.judge(hypotheses)
-        locked = locked or stuck.locks(moving(car.car.yaw_rate), pose)
+        stuck.judge(hypotheses, still=True)
+        locked = locked or stuck.locks(moving(car.car.yaw_rate), pose, before)
         told = hypotheses.as_asked
     assert not locked
     assert not stuck.stands
     assert told is tells
 
 
-@pytest.mark.parametrize(("share", "stands"), [(0.0, True), (-1.0, False), (0.7, False)])
-def test_steering_that_moves_does_not_stand_still(share: float, stands: bool) -> None:
-    """The car turns by the angle that is reported, which moves by `share` of its command."""
+@pytest.mark.parametrize("still", [True, False])
+def test_a_car_that_turns_by_a_report_that_moves_steers(still: bool) -> None:
     before = angle(BEND)
     stuck, car = StuckSteering(load_car(), StopConfig(), OVAL), driven(before)
     for tick in range(140):
-        asked = before - 2e-4 * max(tick - 50, 0)
-        reported = before + share * (asked - before)
-        hypotheses = car.step(asked, reported, reported)
-        stuck.watch(reported, asked)
-        stuck.judge(hypotheses)
-    assert stuck.stands is stands
+        stuck.judge(car.step(before - 2e-4 * max(tick - 50, 0), before, before), still=still)
+    assert stuck.stands is still

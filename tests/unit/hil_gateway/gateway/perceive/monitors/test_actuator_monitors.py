@@ -14,7 +14,7 @@ from hil_gateway.car.car import load_car
 from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
-from hil_gateway.gateway.perceive.monitors.actuators import FollowingMonitor, ReversedMonitor
+from hil_gateway.gateway.perceive.monitors.actuators import FollowingMonitor, SteeringMonitor
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
 from hil_gateway.observer.steering import SteeringHypotheses
 
@@ -70,7 +70,7 @@ def found_after(reported: Motor, turned: Motor, asked: Motor = chicane, zero: fl
     """Periods until it is found. `reported` and true angle of the motor; the car turns at most as the declared
     tyres hold."""
     car = ObservedCar(SPEED, CAR.pressed(SPEED) * load_car().tyres.grip)
-    monitor, ratio = ReversedMonitor(load_car()), CAR.steering_ratio
+    monitor, ratio = SteeringMonitor(load_car()), CAR.steering_ratio
     for tick in range(-400, 0):  # what the car is like is learnt
         turned_to = (turned(0) + 0.3 * weave(tick)) / ratio
         car.step((asked(0) + 0.3 * weave(tick + LATE)) / ratio, turned_to, turned_to)
@@ -147,7 +147,7 @@ def test_a_zero_that_is_learnt_anew_is_no_movement_of_the_report() -> None:
     """The command moves by a step of its resolution, the report follows, and the zero jumps by some."""
     rig = Rig()
     rig.run(0.05)
-    state, monitor = rig.gateway.seen[0], ReversedMonitor(load_car())
+    state, monitor = rig.gateway.seen[0], SteeringMonitor(load_car())
     for tick in range(100):
         asked, reported = STEP_RAD * (tick > 50), STEP_RAD * (tick > 50 + LATE)
         now = state.model_copy(update={"steer": reported / CAR.steering_ratio})
@@ -202,13 +202,13 @@ def noticed_s(reported: Motor) -> float:
     """Time from when a slow bend begins (10 deg/s at the motor, up to 7 deg) until the steering counts as stuck."""
     rig = Rig()
     rig.run(0.05)
-    state, monitor, side = rig.gateway.seen[0], FollowingMonitor(load_car()), ReversedMonitor(load_car())
+    state, monitor, side = rig.gateway.seen[0], FollowingMonitor(load_car()), SteeringMonitor(load_car())
     for tick in range(-100, 200):
         commanded = ActuatorPositions(bend(tick), 0.0, 0.0, 0.0, 6)
         steer = round(reported(tick) / STEP_RAD) * STEP_RAD / CAR.steering_ratio
         now = state.model_copy(update={"steer": steer})
         side.step(now, TURNS, SPEED, commanded, 0.0, keeps=True)
-        held_s, _ = monitor.step((tick + 101) * 10_000_000, now, commanded, side.against, told=False)
+        held_s, _ = monitor.step((tick + 101) * 10_000_000, now, commanded, side.moves, told=False)
         if held_s > 0.0:
             return 0.01 * tick
     return math.inf
@@ -224,6 +224,10 @@ def bend(tick: int) -> float:
 
 def test_steering_that_stands_still_in_a_slow_bend_is_noticed_within_half_a_second() -> None:
     assert noticed_s(lambda tick: 0.0) <= 0.5
+
+
+def test_steering_that_stands_still_is_noticed_although_its_sensor_shows_more_noise_than_declared() -> None:
+    assert noticed_s(lambda tick: STEP_RAD * (tick % 3 - 1)) <= 0.6
 
 
 def test_a_steering_report_that_moves_against_its_command_in_a_slow_bend_is_noticed() -> None:
