@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 GRAVITY = 9.80665
 """Standard gravity, m/s2 (CGPM 1901)."""
+ATMOSPHERE = 101_325.0
+"""Standard atmosphere, Pa (CGPM 1954)."""
 _DEGREE, _POUND_FORCE = math.pi / 180, 4.4482216152605
 
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
+from hil_gateway.gateway.perceive.duration import UNSEEN_S
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.settings.gateway import PERIOD_S
-
-SETTLED_S = 0.3
-"""time constant of the mean: leaves 0.014 m/s2 of an accelerometer's noise of 0.11, and the car rocks no longer after
-a stop"""
 
 
 class HillStart:
@@ -24,8 +21,8 @@ class HillStart:
     def watch(self, state: VehicleState, on_wire: ActuatorPositions) -> None:
         """Once a period, before it is asked."""
         braked = min(on_wire.brake_front, on_wire.brake_rear) >= self._pressure
-        if braked and state.valid and road_speed(state) < STANDSTILL:
-            self._uphill += PERIOD_S / (SETTLED_S + PERIOD_S) * (state.ax - self._uphill)
+        if braked and state.valid and road_speed(state) < STANDSTILL:  # by then it rocks no longer after a stop
+            self._uphill += PERIOD_S / (UNSEEN_S + PERIOD_S) * (state.ax - self._uphill)
 
     def holds(self, state: VehicleState, acceleration: float) -> bool:
         """Whether a standing car is held under a command that gives it `acceleration` on the level, m/s2."""

@@ -1,17 +1,19 @@
-"""Tyre temperatures and pressures as the car reports them, and a tyre that has lost its air."""
+"""Tyre temperatures and pressures as the car reports them, and a tyre that has lost its air.
+
+`tyre.*.pressure` counts from vacuum, `tyre.*.gauge` from the standard atmosphere.
+"""
 
 from __future__ import annotations
 
 import math
 
 from can_dbc.quantities import WHEELS
+from can_dbc.units import ATMOSPHERE
 from hil_gateway.bus.topics import TYRES
 from hil_gateway.bus.tyres import Tyres
 from hil_gateway.gateway.perceive.duration import ConditionTime
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 
-AIR_PA = 101_325.0
-"""standard atmosphere; `tyre.*.pressure` counts from vacuum, `tyre.*.gauge` from here"""
 MOST_PA = 400_000.0
 """over the air outside; more is no race tyre's pressure"""
 LOST = 0.5
@@ -61,7 +63,7 @@ class TyreReports:
 
     def _is_flat(self, name: str) -> bool:
         inside = self._builder.value(name)
-        return inside >= LOST * AIR_PA and self._has_lost(name, inside - AIR_PA)
+        return inside >= LOST * ATMOSPHERE and self._has_lost(name, inside - ATMOSPHERE)
 
     def _has_lost(self, signal: str, over: float) -> bool:
         """Whether a pressure over the air outside, Pa, is less than half of what its signal had."""
