@@ -13,14 +13,13 @@ every brake is needed, and the rear tyres count with all of the declared grip.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import PRESSED, ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.gateway.perceive.monitors.actuators import PEDALS, WINDOW
+from hil_gateway.gateway.perceive.monitors.actuators import PEDALS, BrakesDue
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.positions.fixes import MOVING
 from hil_gateway.gateway.perceive.road_speed import at_the_middle
@@ -60,23 +59,18 @@ class AxleBrakes:
         self._per_pa, self._most = train.brake_force_per_pa, train.brake_pressure_max
         self._held = [self._most, self._most]
         """Pa that slipping wheels have left to the front and to the rear circuit"""
-        self._window = round(WINDOW * car.actuators.brakes_late / PERIOD_S)
-        """periods, of whose commands one has been reached"""
-        self._asked: deque[tuple[float, float]] = deque(maxlen=self._window)
+        self._due = BrakesDue(car.actuators)
         self._answers = [1.0, 1.0]
         """share of its command that the front and the rear circuit report, 1 where that is a sound one's"""
 
     def watch(self, state: VehicleState, on_wire: ActuatorPositions) -> None:
         """What the circuits report of their commands; in every period, so that a stop begins with what is known."""
-        self._asked.append((on_wire.brake_front, on_wire.brake_rear))
-        if len(self._asked) < self._window or not state.sources["pedals"].valid:
-            return
-        scatter = PEDALS * self._most
-        for circuit, reported in enumerate((state.brake_front, state.brake_rear)):
-            if self._answers[circuit] == 1.0 and reported >= self._asked[-1][circuit] - scatter:
-                continue  # as it nearly always is
-            if (asked := min(pressures[circuit] for pressures in self._asked)) > scatter:
-                self._answers[circuit] = reported / asked if reported < asked - scatter else 1.0
+        self._due.step((on_wire.brake_front, on_wire.brake_rear))
+        scatter, reported = PEDALS * self._most, (state.brake_front, state.brake_rear)
+        if state.sources["pedals"].valid:
+            for circuit, (pressure, due) in enumerate(zip(reported, self._due.least, strict=True)):
+                if due > scatter:
+                    self._answers[circuit] = pressure / due if pressure < due - scatter else 1.0
 
     def start(self) -> None:
         """A stop begins: nothing slips yet."""

@@ -18,8 +18,6 @@ from hil_gateway.observer.observer import SLOWEST
 from hil_gateway.observer.steering import SteeringHypotheses
 from hil_gateway.settings.gateway import PERIOD_S
 
-WINDOW = 4
-"""times delay, lag and report of the steering of whose commands one has been reached: five time constants"""
 PEDALS = 0.12
 """of the full accelerator, and of the full pressure of a brake: scatter of pads and lines"""
 BRAKED_SHARE = 0.3
@@ -35,16 +33,66 @@ class SteeringReports:
         """noise of a sensor of steering that does not move"""
         self.apart = car.std("sensors.steering_offset") + (GATE + 1.0) * self.still
         """how far it may be off with the offset of its sensor, play and overshoot"""
-        self.answer, self.window = ANSWER * self.late, WINDOW * self.late
+        self.answer = ANSWER * self.late
+        self.window = ANSWER * self.answer
+        """of whose commands one has been reached"""
+
+
+class Answer:
+    """What an actuator makes of its commands: dead time, then first order."""
+
+    def __init__(self, delay: float, bandwidth: float, asked: float) -> None:
+        """s and Hz; the first command."""
+        self._dead = deque([asked], maxlen=2 + round(delay / PERIOD_S))
+        """and a period until it is reported"""
+        self._follows = 1.0 - math.exp(-math.tau * bandwidth * PERIOD_S)
+        self._now = asked
+
+    def step(self, asked: float) -> float:
+        """What is due in the period of this command."""
+        self._dead.append(asked)
+        self._now += self._follows * (self._dead[0] - self._now)
+        return self._now
+
+
+class BrakesDue:
+    """Pressures that are due of both circuits, Pa; by brakes as late as declared, and `ANSWER` times as late."""
+
+    def __init__(self, acts: Actuators) -> None:
+        self._acts, self._answers = acts, list[tuple[Answer, Answer]]()
+        self.now: Sequence[tuple[float, float]] = ()
+
+    def step(self, asked: tuple[float, float] | None) -> None:
+        """Once a period; None where the car does not obey."""
+        if asked is None:
+            self._answers, self.now = [], ()
+            return
+        if not self._answers:
+            delay, bandwidth = self._acts.brake_delay, self._acts.brake_bandwidth
+            for slower in (1, ANSWER):
+                front, rear = (Answer(slower * delay, bandwidth / slower, pressure) for pressure in asked)
+                self._answers.append((front, rear))
+        self.now = [(front.step(asked[0]), rear.step(asked[1])) for front, rear in self._answers]
+
+    @property
+    def least(self) -> tuple[float, float]:
+        """By either; nothing where the car does not obey."""
+        front, rear = zip(*self.now, strict=True) if self.now else ((0.0,), (0.0,))
+        return min(front), min(rear)
+
+    def holds(self, reported: tuple[float, float], asked: tuple[float, float], tolerance: float) -> bool:
+        """Whether what is reported is due, or already what is asked for."""
+        ranges = zip(reported, asked, *self.now, strict=True)
+        return all(min(due) - tolerance <= pressure <= max(due) + tolerance for pressure, *due in ranges)
 
 
 class FollowingMonitor:
-    """Reported positions within the commands of a window, and moving with them; reports that are invalid say nothing of
-    actuators."""
+    """Reported positions within what is due by their commands, and moving with them; reports that are invalid say
+    nothing of actuators."""
 
     def __init__(self, car: Car) -> None:
-        self._of = SteeringReports(car)
-        self._brakes = PEDALS * car.powertrain.brake_pressure_max
+        self._of, self.brakes = SteeringReports(car), BrakesDue(car.actuators)
+        self._scatter = PEDALS * car.powertrain.brake_pressure_max
         self._commands: deque[ActuatorPositions] = deque(maxlen=self._of.window)
         self.obeyed: Sequence[ActuatorPositions] = ()
         """all commands of a window, which the car has had to obey"""
@@ -61,6 +109,7 @@ class FollowingMonitor:
             self._commands.clear()
         else:
             self._commands.append(commanded)
+        self.brakes.step((commanded.brake_front, commanded.brake_rear) if commanded else None)
         full = len(self._commands) == self._of.window
         self.obeyed = self._commands if full else ()
         motor = state.steer * self._of.ratio
@@ -68,12 +117,13 @@ class FollowingMonitor:
         apart = 0.0 if told else self._of.apart
         steers = steers and (not moves or self._outside(motor, "steering_motor", apart))
         pedals = full and state.sources["pedals"].valid
-        pedals = pedals and (
-            self._outside(state.brake_front, "brake_front", self._brakes)
-            or self._outside(state.brake_rear, "brake_rear", self._brakes)
-            or self._outside(state.accelerator, "accelerator", PEDALS)
-        )
+        pedals = pedals and (self._brakes_off(state) or self._outside(state.accelerator, "accelerator", PEDALS))
         return self._steering.update(steers, now_ns), self._pedals.update(pedals, now_ns)
+
+    def _brakes_off(self, state: VehicleState) -> bool:
+        newest = self._commands[-1]
+        reported, asked = (state.brake_front, state.brake_rear), (newest.brake_front, newest.brake_rear)
+        return not self.brakes.holds(reported, asked, self._scatter)
 
     def _outside(self, reported: float, actuator: str, tolerance: float) -> bool:
         newest: float = getattr(self._commands[-1], actuator)
@@ -101,23 +151,18 @@ class Moved(NamedTuple):
 
 
 class _Due:
-    """Angles that are due from steering, dead time and then first order, beside those that are reported; rad at the
-    motor."""
+    """Angles that are due from steering beside those that are reported, rad at the motor."""
 
     def __init__(self, acts: Actuators, slower: float, noise: float, asked: float) -> None:
         """Of steering so many times `slower` than declared; `noise` of a report; the first command."""
-        self._dead = deque([asked], maxlen=2 + round(slower * acts.steering_delay / PERIOD_S))
-        """and a period until it is reported"""
-        self._follows = 1.0 - math.exp(-math.tau * acts.steering_bandwidth * PERIOD_S / slower)
-        self._angle, self._noise2 = asked, noise**2
+        self._answer = Answer(slower * acts.steering_delay, acts.steering_bandwidth / slower, asked)
+        self._noise2 = noise**2
         self._sums = deque([(0.0,) * 5], maxlen=1 + round(RENEWED_S / PERIOD_S))
         """of both angles, of their squares and of their product, since the beginning"""
 
     def step(self, asked: float, reported: float) -> None:
         """A period."""
-        self._dead.append(asked)
-        self._angle += self._follows * (self._dead[0] - self._angle)
-        x, y, (sx, sy, sxx, sxy, syy) = self._angle, reported, self._sums[-1]
+        x, y, (sx, sy, sxx, sxy, syy) = self._answer.step(asked), reported, self._sums[-1]
         self._sums.append((sx + x, sy + y, sxx + x * x, sxy + x * y, syy + y * y))
 
     def lately(self, periods: int) -> Iterator[int]:
@@ -224,17 +269,10 @@ class AccelerationMonitor:
         """m/s2 forward with the accelerator closed: specific force has no gravity in it, and drag is backward"""
         self._held = ConditionTime()
 
-    def step(self, now_ns: int, ax: float, commands: Sequence[ActuatorPositions]) -> float:
-        """Seconds the car has not done what all of these commands ask, none where nothing can tell."""
-        pushed = len(commands) > 0 and ax > self._pushed and all(c.accelerator == 0.0 for c in commands)
-        return self._held.update(pushed or (len(commands) > 0 and self._unbraked(ax, commands)), now_ns)
-
-    def _unbraked(self, ax: float, commands: Sequence[ActuatorPositions]) -> bool:
-        if not self._braking(commands[-1]) > BRAKED:
-            return False  # as it nearly always is
-        braking = min(map(self._braking, commands))
-        return braking > BRAKED and ax > -BRAKED_SHARE * min(braking, 2 * BRAKED)
-
-    def _braking(self, command: ActuatorPositions) -> float:
-        """Deceleration that is commanded, m/s2."""
-        return (command.brake_front + command.brake_rear) * self._per_pa
+    def step(self, now_ns: int, ax: float, commands: Sequence[ActuatorPositions], brakes: BrakesDue) -> float:
+        """Seconds the car has not done what all of these commands ask, none where nothing can tell, and what is due of
+        its brakes."""
+        pushed = ax > self._pushed and all(c.accelerator == 0.0 for c in commands)
+        braking = sum(brakes.least) * self._per_pa
+        unbraked = braking > BRAKED and ax > -BRAKED_SHARE * min(braking, 2 * BRAKED)
+        return self._held.update(len(commands) > 0 and (pushed or unbraked), now_ns)
