@@ -237,3 +237,32 @@ def test_a_steering_report_that_moves_against_its_command_in_a_slow_bend_is_noti
 @pytest.mark.parametrize("offset_deg", [-5.0, 0.0, 5.0])
 def test_steering_that_follows_late_and_with_an_offset_is_not_stuck(offset_deg: float) -> None:
     assert noticed_s(lambda tick: bend(tick - LATE) + math.radians(offset_deg)) == math.inf
+
+
+def brakes_off_s(share: float, late: int) -> float:
+    """Time from when the brakes are asked for 5 MPa, in 0.1 s, until a circuit counts as off: the front one makes so
+    much of it, both so many periods late."""
+    rig = Rig()
+    rig.run(0.05)
+    state, monitor = rig.gateway.seen[0], FollowingMonitor(load_car())
+    for tick in range(-50, 100):
+        pressed, asked = pressure(tick - late), pressure(tick)
+        now = state.model_copy(update={"brake_front": share * pressed, "brake_rear": pressed})
+        commanded = ActuatorPositions(0.0, 0.0, asked, asked, 6)
+        _, held_s = monitor.step((tick + 51) * 10_000_000, now, commanded, moves=True, told=False)
+        if held_s >= 0.1:
+            return 0.01 * tick
+    return math.inf
+
+
+def pressure(tick: int) -> float:
+    return 5e6 * min(max(0.1 * tick, 0.0), 1.0)
+
+
+def test_a_weak_brake_is_noticed_within_a_third_of_a_second() -> None:
+    assert brakes_off_s(0.3, 6) <= 0.33
+
+
+@pytest.mark.parametrize(("share", "late"), [(1.0, 0), (1.0, 6), (1.0, 12), (0.9, 8)])
+def test_brakes_that_are_quick_late_or_a_little_weak_are_sound(share: float, late: int) -> None:
+    assert brakes_off_s(share, late) == math.inf
