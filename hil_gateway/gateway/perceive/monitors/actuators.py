@@ -156,7 +156,8 @@ class _Due:
     def __init__(self, acts: Actuators, slower: float, noise: float, asked: float) -> None:
         """Of steering so many times `slower` than declared; `noise` of a report; the first command."""
         self._answer = Answer(slower * acts.steering_delay, acts.steering_bandwidth / slower, asked)
-        self._noise2 = noise**2
+        self._noise2, self._play2 = noise**2, (GATE * noise) ** 2 / 8.0
+        """variance of a weave that play may swallow: less tells nothing"""
         self._sums = deque([(0.0,) * 5], maxlen=1 + round(RENEWED_S / PERIOD_S))
         """of both angles, of their squares and of their product, since the beginning"""
 
@@ -176,7 +177,7 @@ class _Due:
         sums = zip(self._sums[-1], self._sums[-1 - periods], strict=True)
         x, y, xx, xy, yy = [(now - before) / periods for now, before in sums]
         due2, both = xx - x * x, xy - x * y
-        if due2 <= 0.0:
+        if due2 <= self._play2:
             return Moved(0.0, math.inf)
         rest2 = max(yy - y * y - both**2 / due2, self._noise2)  # what the share leaves of the reports
         return Moved(both / due2, GATE * math.sqrt(rest2 / (periods * due2)))

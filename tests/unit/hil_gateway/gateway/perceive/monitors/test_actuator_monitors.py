@@ -266,3 +266,14 @@ def test_a_weak_brake_is_noticed_within_a_third_of_a_second() -> None:
 @pytest.mark.parametrize(("share", "late"), [(1.0, 0), (1.0, 6), (1.0, 12), (0.9, 8)])
 def test_brakes_that_are_quick_late_or_a_little_weak_are_sound(share: float, late: int) -> None:
     assert brakes_off_s(share, late) == math.inf
+
+
+def test_play_that_swallows_a_weave_is_no_steering_that_stands() -> None:
+    """1 deg at the motor to either side, of which 2 deg of play leave nothing, for 5 s."""
+    rig = Rig()
+    rig.run(0.05)
+    state, monitor = rig.gateway.seen[0], SteeringMonitor(load_car())
+    for tick in range(500):
+        asked = round(math.radians(1.0) * math.sin(0.02 * math.pi * tick) / STEP_RAD) * STEP_RAD
+        monitor.step(state, TURNS, SPEED, ActuatorPositions(asked, 0.0, 0.0, 0.0, 6), 0.0, keeps=False)
+        assert monitor.moves
