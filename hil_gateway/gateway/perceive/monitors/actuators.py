@@ -56,7 +56,8 @@ class Answer:
 
 
 class BrakesDue:
-    """Pressures that are due of both circuits, Pa; by brakes as late as declared, and `ANSWER` times as late."""
+    """Pressures that are due of both circuits, Pa: as they are asked for, of brakes as late as declared, and `ANSWER`
+    times as late."""
 
     def __init__(self, acts: Actuators) -> None:
         self._acts, self._answers = acts, list[tuple[Answer, Answer]]()
@@ -72,17 +73,17 @@ class BrakesDue:
             for slower in (1, ANSWER):
                 front, rear = (Answer(slower * delay, bandwidth / slower, pressure) for pressure in asked)
                 self._answers.append((front, rear))
-        self.now = [(front.step(asked[0]), rear.step(asked[1])) for front, rear in self._answers]
+        self.now = [asked, *((front.step(asked[0]), rear.step(asked[1])) for front, rear in self._answers)]
 
     @property
     def least(self) -> tuple[float, float]:
-        """By either; nothing where the car does not obey."""
+        """Of these; nothing where the car does not obey."""
         front, rear = zip(*self.now, strict=True) if self.now else ((0.0,), (0.0,))
         return min(front), min(rear)
 
-    def holds(self, reported: tuple[float, float], asked: tuple[float, float], tolerance: float) -> bool:
-        """Whether what is reported is due, or already what is asked for."""
-        ranges = zip(reported, asked, *self.now, strict=True)
+    def holds(self, reported: tuple[float, float], tolerance: float) -> bool:
+        """Whether what is reported lies between these."""
+        ranges = zip(reported, *self.now, strict=True)
         return all(min(due) - tolerance <= pressure <= max(due) + tolerance for pressure, *due in ranges)
 
 
@@ -117,13 +118,11 @@ class FollowingMonitor:
         apart = 0.0 if told else self._of.apart
         steers = steers and (not moves or self._outside(motor, "steering_motor", apart))
         pedals = full and state.sources["pedals"].valid
-        pedals = pedals and (self._brakes_off(state) or self._outside(state.accelerator, "accelerator", PEDALS))
+        pressures = state.brake_front, state.brake_rear
+        pedals = pedals and (
+            not self.brakes.holds(pressures, self._scatter) or self._outside(state.accelerator, "accelerator", PEDALS)
+        )
         return self._steering.update(steers, now_ns), self._pedals.update(pedals, now_ns)
-
-    def _brakes_off(self, state: VehicleState) -> bool:
-        newest = self._commands[-1]
-        reported, asked = (state.brake_front, state.brake_rear), (newest.brake_front, newest.brake_rear)
-        return not self.brakes.holds(reported, asked, self._scatter)
 
     def _outside(self, reported: float, actuator: str, tolerance: float) -> bool:
         newest: float = getattr(self._commands[-1], actuator)
