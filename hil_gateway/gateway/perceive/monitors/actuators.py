@@ -269,10 +269,17 @@ class AccelerationMonitor:
         """m/s2 forward with the accelerator closed: specific force has no gravity in it, and drag is backward"""
         self._held = ConditionTime()
 
-    def step(self, now_ns: int, ax: float, commands: Sequence[ActuatorPositions], brakes: BrakesDue) -> float:
-        """Seconds the car has not done what all of these commands ask, none where nothing can tell, and what is due of
-        its brakes."""
-        pushed = ax > self._pushed and all(c.accelerator == 0.0 for c in commands)
-        braking = sum(brakes.least) * self._per_pa
-        unbraked = braking > BRAKED and ax > -BRAKED_SHARE * min(braking, 2 * BRAKED)
-        return self._held.update(len(commands) > 0 and (pushed or unbraked), now_ns)
+    def step(self, now_ns: int, ax: float, commands: Sequence[ActuatorPositions]) -> float:
+        """Seconds the car has not done what all of these commands ask, none where nothing can tell."""
+        pushed = len(commands) > 0 and ax > self._pushed and all(c.accelerator == 0.0 for c in commands)
+        return self._held.update(pushed or (len(commands) > 0 and self._unbraked(ax, commands)), now_ns)
+
+    def _unbraked(self, ax: float, commands: Sequence[ActuatorPositions]) -> bool:
+        if not self._braking(commands[-1]) > BRAKED:
+            return False  # as it nearly always is
+        braking = min(map(self._braking, commands))
+        return braking > BRAKED and ax > -BRAKED_SHARE * min(braking, 2 * BRAKED)
+
+    def _braking(self, command: ActuatorPositions) -> float:
+        """Deceleration that is commanded, m/s2."""
+        return (command.brake_front + command.brake_rear) * self._per_pa

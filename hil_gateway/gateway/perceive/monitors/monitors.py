@@ -130,8 +130,7 @@ class Monitors:
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         sensors = self._compare(now_ns, state, course)
         tells = state.sources["imu"].valid and not self._imu_gone and speed > SLOWEST
-        following = self._following
-        unanswered_s = self._acceleration.step(now_ns, state.ax, following.obeyed if tells else (), following.brakes)
+        unanswered_s = self._acceleration.step(now_ns, state.ax, self._following.obeyed if tells else ())
         self._distrust(sensors, unanswered_s)
         # a source that is not believed any more stops the car, whatever it says from then on
         return {
