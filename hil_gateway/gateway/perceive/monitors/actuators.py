@@ -92,7 +92,7 @@ class FollowingMonitor:
     nothing of actuators."""
 
     def __init__(self, car: Car) -> None:
-        self._of, self.brakes = SteeringReports(car), BrakesDue(car.actuators)
+        self._of, self._brakes = SteeringReports(car), BrakesDue(car.actuators)
         self._scatter = PEDALS * car.powertrain.brake_pressure_max
         self._commands: deque[ActuatorPositions] = deque(maxlen=self._of.window)
         self.obeyed: Sequence[ActuatorPositions] = ()
@@ -110,7 +110,7 @@ class FollowingMonitor:
             self._commands.clear()
         else:
             self._commands.append(commanded)
-        self.brakes.step((commanded.brake_front, commanded.brake_rear) if commanded else None)
+        self._brakes.step((commanded.brake_front, commanded.brake_rear) if commanded else None)
         full = len(self._commands) == self._of.window
         self.obeyed = self._commands if full else ()
         motor = state.steer * self._of.ratio
@@ -120,7 +120,7 @@ class FollowingMonitor:
         pedals = full and state.sources["pedals"].valid
         pressures = state.brake_front, state.brake_rear
         pedals = pedals and (
-            not self.brakes.holds(pressures, self._scatter) or self._outside(state.accelerator, "accelerator", PEDALS)
+            not self._brakes.holds(pressures, self._scatter) or self._outside(state.accelerator, "accelerator", PEDALS)
         )
         return self._steering.update(steers, now_ns), self._pedals.update(pedals, now_ns)
 

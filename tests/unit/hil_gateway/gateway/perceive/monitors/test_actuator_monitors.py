@@ -1,4 +1,5 @@
-"""Steering that goes to the other side, or stands still, is told from steering that is late or wrongly reported."""
+"""Steering that goes to the other side, or stands still, and brakes that are weak are told from late ones, and from
+sensors that are wrong."""
 
 from __future__ import annotations
 
@@ -224,6 +225,14 @@ def bend(tick: int) -> float:
 
 def test_steering_that_stands_still_in_a_slow_bend_is_noticed_within_half_a_second() -> None:
     assert noticed_s(lambda tick: 0.0) <= 0.5
+
+
+@pytest.mark.parametrize(("share", "within_s"), [(0.7, math.inf), (0.25, 0.7)])
+def test_steering_that_makes_most_of_its_command_is_sound_and_one_that_makes_a_quarter_is_not(
+    share: float, within_s: float
+) -> None:
+    after_s = noticed_s(lambda tick: share * bend(tick - LATE))
+    assert after_s == within_s == math.inf or after_s <= within_s < math.inf
 
 
 def test_steering_that_stands_still_is_noticed_although_its_sensor_shows_more_noise_than_declared() -> None:
