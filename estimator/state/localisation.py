@@ -215,7 +215,9 @@ class Localisation:
 
     def _take(self, state: VehicleState, x: float, y: float) -> None:
         """A fix of a car whose heading is known."""
-        f = self.filter
+        f, ago_s = self.filter, (state.stamp_ns - state.fix_ns) / NS_PER_S
+        yaw, vx, vy = f.mean[YAW : VY + 1].tolist()
+        x, y = x + ago_s * (vx * cos(yaw) - vy * sin(yaw)), y + ago_s * (vx * sin(yaw) + vy * cos(yaw))
         accepted = f.update_position(x, y) is not None
         self._refused = 0 if accepted else self._refused + 1
         self._lost = self._lost or self._refused >= LOST_AFTER_FIXES

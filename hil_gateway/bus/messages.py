@@ -165,6 +165,7 @@ class VehicleState(Message):
     position_x: Position
     position_y: Position
     position_seq: int = Field(ge=0, lt=1 << 63, description="advances when a new position fix arrived")
+    position_stamp_ns: Stamp | None = Field(default=None, description="when it arrived; null: as old as the state")
     heading: Heading | None = Field(default=None, description="of the receiver; null where none has come")
     sys_state: Code
     ct_state: Code
@@ -173,6 +174,11 @@ class VehicleState(Message):
     stood: Estimate | None = Field(
         default=None, description="last valid estimate, of a car that has stood since; null while there is a newer one"
     )
+
+    @property
+    def fix_ns(self) -> int:
+        """When the car was at the position."""
+        return self.stamp_ns if self.position_stamp_ns is None else self.position_stamp_ns
 
 
 class Belief(Message):

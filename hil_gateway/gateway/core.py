@@ -166,7 +166,8 @@ class Gateway:
     def _perceive(self, now_ns: int, state: VehicleState, before: Decision) -> tuple[Motion, Pose | None, Measures]:
         """How the car moves and where it is, by the sources that fit each other, and what the monitors measure."""
         late_ns = self._read_lateness(now_ns)
-        motion, pose, monitored = self._perceive_as_of(now_ns - late_ns, now_ns, state, before)
+        then = state.model_copy(update={"position_stamp_ns": state.fix_ns - late_ns}) if late_ns else state
+        motion, pose, monitored = self._perceive_as_of(now_ns - late_ns, now_ns, then, before)
         if motion.speed == 0.0 or not before.stopping:
             self._lateness.forget()
         if late_ns:

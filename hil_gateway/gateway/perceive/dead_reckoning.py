@@ -47,10 +47,10 @@ class Pose(NamedTuple):
         x, y = self.x + way * math.cos(middle), self.y + way * math.sin(middle)
         return Pose(x, y, self.yaw + turned, self.speed, self.slip)
 
-    def offset(self, x: float, y: float) -> tuple[float, float]:
-        """How far a point lies ahead of it and to its left, by where it goes, m."""
+    def offset(self, x: float, y: float, ago_s: float = 0.0) -> tuple[float, float]:
+        """How far a point where the car was so long ago lay ahead of it and to its left, by where it goes, m."""
         dx, dy, cos, sin = x - self.x, y - self.y, math.cos(self.course), math.sin(self.course)
-        return cos * dx + sin * dy, cos * dy - sin * dx
+        return cos * dx + sin * dy + self.speed * ago_s, cos * dy - sin * dx
 
 
 class Reckoned(NamedTuple):
@@ -106,7 +106,7 @@ class DeadReckoning:
             told = Reckoned(pose, self._answered_ns, motion.by_gyro, slips=slips)
             self.now = self._onward(told, now_ns, motion)
         if self.now is not None and believe_fixes and state.position_seq != self._fix_seq:
-            self.now = self._corrected(self.now, state.position_x, state.position_y)
+            self.now = self._corrected(self.now, state)
         self._fix_seq = state.position_seq
         return self.pose
 
@@ -131,12 +131,14 @@ class DeadReckoning:
         pose = Pose(pose.x, pose.y, yaw, motion.speed, slip).onward(way, motion.yaw_rate * dt)
         return Reckoned(pose, now_ns, motion.by_gyro, before.off_m, before.way_m + way, before.slips)
 
-    def _corrected(self, now: Reckoned, x: float, y: float) -> Reckoned:
+    def _corrected(self, now: Reckoned, state: VehicleState) -> Reckoned:
         """Moved towards a fix (a Kalman filter's step of a point); without a gyro, whose substitutes drift, turned."""
         pose, variance = now.pose, now.off_m**2 + (now.slips * now.way_m) ** 2
         gain = variance / (variance + self._apart**2)
+        along, across = pose.offset(state.position_x, state.position_y, (now.stamp_ns - state.fix_ns) / NS_PER_S)
         drifts = not now.by_gyro and pose.speed > SLOWEST
-        turned = math.atan2(gain * pose.offset(x, y)[1], now.way_m) if drifts else 0.0
-        x, y = pose.x + gain * (x - pose.x), pose.y + gain * (y - pose.y)
+        turned = math.atan2(gain * across, now.way_m) if drifts else 0.0
+        cos, sin = gain * math.cos(pose.course), gain * math.sin(pose.course)
+        x, y = pose.x + cos * along - sin * across, pose.y + sin * along + cos * across
         off_m = math.sqrt(gain) * self._apart
         return now._replace(pose=pose._replace(x=x, y=y, yaw=pose.yaw + turned), off_m=off_m, way_m=0.0)

@@ -184,6 +184,7 @@ class VehicleStateBuilder:
             position_x=self.fixes.x,
             position_y=self.fixes.y,
             position_seq=self.fixes.seq,
+            position_stamp_ns=self.fixes.stamp_ns,
             heading=self.network.heading(stamp_ns) if self.network else None,
             sys_state=self._sys_states.get(int(newest["sys_state"]), SysState.UNKNOWN),
             ct_state=ct_state,

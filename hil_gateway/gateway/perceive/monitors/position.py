@@ -94,9 +94,9 @@ class PositionMonitor:
                 self.wrong = False
             return
         if came:
-            since_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
-            self._fix_ns = now_ns
-            self._count(self._off(state.position_x, state.position_y, reckoned, since_s))
+            since_s = max(state.fix_ns - (self._fix_ns or state.fix_ns), 0) / NS_PER_S
+            self._fix_ns = state.fix_ns
+            self._count(self._off(state, reckoned, since_s))
             self._at, self._way = complex(state.position_x, state.position_y), 0.0
         self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
 
@@ -115,9 +115,10 @@ class PositionMonitor:
         self._level = min(max(self._level + (1.0 if off > 1.0 else off**2 - 1.0 / WRONG), 0.0), WRONG)
         self._note(self._level >= WRONG, "they leave the way by wheels and gyro")
 
-    def _off(self, x: float, y: float, reckoned: Reckoned, since_s: float) -> float:
-        """Of a fix, over what it may be; the one before came so long ago."""
-        (along, across), most = reckoned.pose.offset(x, y), self._tolerance + reckoned.within_m
+    def _off(self, state: VehicleState, reckoned: Reckoned, since_s: float) -> float:
+        """Of a fix, over what it may be, when it came; the one before came so long earlier."""
+        ago_s, most = (reckoned.stamp_ns - state.fix_ns) / NS_PER_S, self._tolerance + reckoned.within_m
+        along, across = reckoned.pose.offset(state.position_x, state.position_y, ago_s)
         share = complex(along, across) / max(since_s * reckoned.pose.speed, self._tolerance)
         self._mean += min(since_s / UNSEEN_S, 1.0) * (share / max(abs(share), 1.0) - self._mean)
         if abs(self._mean) > max(SHARE, reckoned.slips):

@@ -27,10 +27,11 @@ Place = Callable[[float, float], float]
 def judged(
     speed: float, decelerating: float, says: Place, late_s: float = 0.0, heading: bool = True,
     *, rolling: float = 1.0, stopping: bool = False, slip: float = 0.0, goes: Callable[[float], float] | None = None,
+    read_s: Callable[[float], float] = lambda t: 0.0,
 ) -> PositionMonitor:  # fmt: skip
     """A car on a straight whose wheels go with `rolling` of its speed, with its nose off by its side `slip` (rad), a
     fix every 50 ms, of which every thirteenth is late; where its heading is not known it is reckoned to go back. It
-    `goes` otherwise as fast as that says of the time."""
+    `goes` otherwise as fast as that says of the time, and what has come is `read_s` old when it is read."""
     rig = Rig()
     rig.run(0.05)
     state, noise = rig.gateway.seen[0], np.random.default_rng(5)
@@ -46,10 +47,11 @@ def judged(
             coming.append((t + late * late_s, says(t, x) + noise.normal(0.0, 0.02)))
         while coming and coming[0][0] <= t:
             seq += 1
-            place = {"position_x": coming.popleft()[1], "position_y": noise.normal(0.0, 0.02)}
-            state = state.model_copy(update={"position_seq": seq, **place})
-        wheels, pose = rolling * now, Pose(x, 0.0, -slip, now, slip)
-        now_ns, motion = round(t * 1e9), Motion(speed=wheels)
+            came_ns, place = round(t * 1e9), coming.popleft()[1]
+            position = {"position_x": place, "position_y": noise.normal(0.0, 0.02), "position_stamp_ns": came_ns}
+            state = state.model_copy(update={"position_seq": seq, **position})
+        wheels, pose = rolling * now, Pose(x + read_s(t) * now, 0.0, -slip, now, slip)
+        now_ns, motion = round((t + read_s(t)) * 1e9), Motion(speed=wheels)
         blind = reckoning.carry_on(now_ns, motion)
         reckoned = Reckoned(pose, now_ns, by_gyro=True) if heading else blind
         state = state.model_copy(update=dict.fromkeys(WHEELS, wheels))
@@ -63,6 +65,14 @@ def judged(
 @pytest.mark.parametrize("late_s", [0.02, 0.03, 0.04, 0.08])
 def test_single_late_fixes_stop_no_car(speed: float, decelerating: float, late_s: float) -> None:
     assert not judged(speed, decelerating, lambda t, x: x, late_s).wrong
+
+
+@pytest.mark.parametrize("speed", [30.0, 60.0, 80.0])
+@pytest.mark.parametrize("read_s", [lambda t: 0.0095, lambda t: 0.0095 * (t > 5.0), lambda t: 0.0095 * (t < 5.0)])
+def test_fixes_may_have_come_at_any_time_since_the_period_before(
+    speed: float, read_s: Callable[[float], float]
+) -> None:
+    assert not judged(speed, 0.0, lambda t, x: x, rolling=1.03, read_s=read_s).wrong
 
 
 @pytest.mark.parametrize("slip", [-0.16, 0.16])
