@@ -91,6 +91,8 @@ class _Receiver:
         late_s, std_s = self._late
         covariance = np.diag([self._wander**2, self._wander**2, std_s**2])
         self._known = _Known(0.0, np.array([0.0, 0.0, late_s]), covariance)
+        self._unfit_s = 0.0
+        """for which no reading has been near what was known"""
         self._kept.clear()
 
     def step(self, now_ns: int, builder: VehicleStateBuilder) -> bool:
@@ -125,11 +127,18 @@ class _Receiver:
         for value, by in zip(beside, np.column_stack([np.eye(2), -velocity]), strict=True):
             known, more = known.after(by, float(value), self._declared.noise**2)
             off += more
-        if off > GATE**2:  # it has jumped
-            self._begin()
+        if off > GATE**2:
+            self._refuse(since_s, covariance + grown)
             return
         known.mean[2] = min(max(known.mean[2], 0.0), self.latest_s)
-        self._known = known
+        self._known, self._unfit_s = known, 0.0
+
+    def _refuse(self, since_s: float, covariance: Array) -> None:
+        """One that is off: it, or the fix that it is compared with, has waited somewhere; or it has jumped for good."""
+        self._known = self._known._replace(covariance=covariance)
+        self._unfit_s += since_s
+        if self._unfit_s > UNSEEN_S:
+            self._begin()
 
     @property
     def speaks(self) -> bool:
