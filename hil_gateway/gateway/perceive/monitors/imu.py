@@ -8,6 +8,7 @@ observer finds either when the car next turns or brakes otherwise: in a bend, to
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from itertools import pairwise
 
@@ -16,6 +17,7 @@ from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.received import STUCK_FRAMES
 from hil_gateway.observer.numbers import sound_imu_within
 from hil_gateway.observer.observer import SLOWEST
+from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import PERIOD_S
 
 STEADY = 4
@@ -45,19 +47,21 @@ class ImuMonitor:
         self._readings: deque[tuple[float, float, float]] = deque(maxlen=2 * STEADY)
         """yaw rate, rad/s; lateral and longitudinal specific force, m/s2"""
         self._noise = tuple(_Noise(abs(reports[f"imu.{name}.{axis}"].scale)) for axis in ("yaw_rate", "ay", "ax"))
+        self._stamp_ns = 0
         self.found = False
 
     def step(self, state: VehicleState, speed: float) -> None:
         """One period; `speed` in m/s."""
         self.found = self.found and speed > 0.0
-        imu = state.sources["imu"]
-        if speed < SLOWEST or not imu.valid or imu.age_s is None or imu.age_s >= 2 * PERIOD_S:
+        imu, since_ns, self._stamp_ns = state.sources["imu"], state.stamp_ns - self._stamp_ns, state.stamp_ns
+        age_s = math.inf if imu.age_s is None else imu.age_s
+        if speed < SLOWEST or not imu.valid or max(age_s, since_ns / NS_PER_S) >= 2 * PERIOD_S:
             # two were missed: all that changed comes at once
             self._readings.clear()
             for noise in self._noise:
                 noise.forget()
             return
-        if imu.age_s >= PERIOD_S:  # it is the one before
+        if age_s >= PERIOD_S:  # it is the one before
             return
         self._readings.append((state.yaw_rate, state.ay, state.ax))
         quiet = self._quiet()

@@ -12,6 +12,7 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.car import Car, load_car
 from hil_gateway.gateway.perceive.monitors.imu import STEADY, USUAL, ImuMonitor
 from hil_gateway.gateway.perceive.received import STUCK_FRAMES
+from hil_gateway.settings.gateway import PERIOD_NS
 
 GYRO_NOISE, FORCE_NOISE = 0.0015, 0.11
 """rad/s and m/s2, as the plant's IMU has it"""
@@ -28,6 +29,7 @@ class Drive:
 
     def __init__(self, state: VehicleState, car: Car | None = None) -> None:
         self._state, self._rng = state, random.Random(1)
+        self.now_ns = 0
         self.monitor = ImuMonitor(car or load_car())
 
     def read(self, turn: float, ay: float, ax: float, noise: float = 1.0, age_s: float = 0.0) -> bool:
@@ -35,7 +37,9 @@ class Drive:
         yaw_rate = turn + noise * draw(0.0, GYRO_NOISE)
         forces = {name: force + noise * draw(0.0, FORCE_NOISE) for name, force in (("ay", ay), ("ax", ax))}
         sources = self._state.sources | {"imu": replace(self._state.sources["imu"], age_s=age_s)}
-        self.monitor.step(self._state.model_copy(update={"yaw_rate": yaw_rate, "sources": sources, **forces}), SPEED)
+        self.now_ns += PERIOD_NS
+        reported = {"stamp_ns": self.now_ns, "yaw_rate": yaw_rate, "sources": sources, **forces}
+        self.monitor.step(self._state.model_copy(update=reported), SPEED)
         return self.monitor.found
 
     def steps(self, before: tuple[float, float, float], after: tuple[float, float, float]) -> bool:
@@ -50,6 +54,13 @@ class Drive:
 )  # fmt: skip
 def test_readings_that_step_as_no_car_moves_are_found_at_once(state, after):
     assert Drive(state).steps((0.12, 9.0, -6.0), after)
+
+
+def test_what_changed_while_nobody_read_is_no_step(state):
+    drive, before, after = Drive(state), (-0.05, -2.2, -13.0), (-0.1, -3.6, -16.3)
+    assert not any(drive.read(*before) for _ in range(20))
+    drive.now_ns += 7 * PERIOD_NS
+    assert not any(drive.read(*after) for _ in range(STEADY))
 
 
 def test_less_grip_from_one_period_to_the_next_is_no_wrong_imu(state):
