@@ -6,6 +6,7 @@ after the car's reports have come, and commands leave so much later that estimat
 
 from __future__ import annotations
 
+from hil_gateway.process.clock import next_due
 from hil_gateway.settings.gateway import PERIOD_NS
 
 ANSWER_NS = 4_000_000
@@ -19,10 +20,8 @@ SLEW_NS = 20_000
 
 
 def next_period(due_ns: int, now_ns: int, report_age_ns: int) -> int:
-    """Beginning of the period after the one due at `due_ns`, in which the newest report was `report_age_ns` old. Those
-    that were missed are left out, never caught up in a burst."""
-    missed = max((now_ns - due_ns) // PERIOD_NS, 0)
-    return due_ns + (missed + 1) * PERIOD_NS - _too_late(report_age_ns)
+    """Beginning of the period after the one due at `due_ns`, in which the newest report was `report_age_ns` old."""
+    return next_due(due_ns, now_ns, PERIOD_NS) - _too_late(report_age_ns)
 
 
 def _too_late(report_age_ns: int) -> int:

@@ -8,7 +8,7 @@ from hil_gateway.config import Config
 from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.plant import Plant
 from hil_gateway.plant.receivers import Ports
-from hil_gateway.process.clock import SystemClock, wall_offset_ns
+from hil_gateway.process.clock import SystemClock, next_due, wall_offset_ns
 from hil_gateway.process.lifecycle import StopRequest
 from hil_gateway.process.scheduling import punctual
 
@@ -35,7 +35,7 @@ def run_plant(config: Config, simulated: SimulatedCar | None = None) -> None:
             plant.receivers.unix_offset_ns = wall_offset_ns()
             plant.step(clock.now_ns())
             ports.send(plant.receivers.due(clock.now_ns()))
-            next_ns = max(next_ns + PERIOD_NS, clock.now_ns() - PERIOD_NS)
+            next_ns = next_due(next_ns, clock.now_ns(), PERIOD_NS)  # timers of a car do not shift when this one is late
             clock.sleep_until(next_ns)
     finally:
         ports.close()

@@ -61,6 +61,13 @@ class VirtualClock:
         self._now_ns += duration_ns
 
 
+def next_due(due_ns: int, now_ns: int, period_ns: int) -> int:
+    """When the next period after the one due at `due_ns` begins that is still to come: those that were missed are left
+    out, never caught up in a burst, and the others begin when they would have."""
+    missed = max((now_ns - due_ns) // period_ns, 0)
+    return due_ns + (missed + 1) * period_ns
+
+
 def wall_offset_ns() -> int:
     """Nanoseconds to add to a monotonic stamp to get Unix time (for recordings and kernel time stamps)."""
     return time.time_ns() - time.monotonic_ns()
