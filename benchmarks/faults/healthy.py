@@ -1,7 +1,7 @@
 """Drives without a fault: random cars that neither the declared model nor the declared noise fits, no stop allowed.
 
 Ten cars differ from their data sheet alone, the others have every effect of the simulated car and every two of them
-beside that, dealt before anything is driven.
+beside that, dealt before anything is driven. Two of four drive in processes that are held up now and then.
 
 What every monitor comes to is kept: how near its difference comes to its bound, and how long it holds against the time
 after which it stops the car. Bounds are set by these figures.
@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 from benchmarks.driving.random_car import random_car, with_other_noise
+from benchmarks.faults.held_up import HeldUpLoop
 from hil_gateway.config import Config
 from hil_gateway.gateway.decide.failsafe import TABLE
 from hil_gateway.plant.physics.effects import SWITCHES
@@ -89,7 +90,8 @@ def drive(track: str, seed: int, seconds: float = DRIVE_S) -> HealthyDrive:
     }
     result = HealthyDrive(track, seed, deal(seed))
     car = with_other_noise(random_car(seed), seed).model_copy(update={"effects": result.effects})
-    loop = Loop(Config.model_validate(settings), simulated=car)
+    config, held_up = Config.model_validate(settings), seed // 2 % 2 == 1
+    loop = HeldUpLoop(config, seed, simulated=car) if held_up else Loop(config, simulated=car)
     slips: deque[float] = deque(maxlen=round(1.0 / PERIOD_S))
     while loop.elapsed_s < seconds + 10.0 and not result.stops:
         loop.step()
