@@ -1,7 +1,7 @@
-"""The loop as processes of a computer run it: each at its own time, and now and then one, or all, are held up.
+"""The loop as cars and computers run it: each node and process by its own clock, and now and then one is held up.
 
-The whole loop of `planner.simulation.loop` has everything happen at once, every 10 ms. On a computer the gateway's
-periods begin a while after the reports, and other programs take the processor away for some milliseconds.
+The whole loop of `planner.simulation.loop` has everything happen at once, every 10 ms. In a car no two nodes keep step,
+and on a computer other programs take the processor away for some milliseconds.
 """
 
 from __future__ import annotations
@@ -33,12 +33,13 @@ class HeldUpLoop(Loop):
     """`step` is 10 ms of everything, a millisecond after the other."""
 
     def __init__(self, config: Config, seed: int, **given: Any) -> None:
-        """`seed` of phases and pauses; the rest as `Loop`."""
+        """`seed` of the pauses; with an odd one all nodes of the car have clocks of their own. The rest as `Loop`."""
         super().__init__(config, **given)
         self._rng = random.Random(seed)
         now_ns = self.clock.now_ns()
-        self._plant_ns, self._observe_ns = now_ns, now_ns + self._rng.randrange(PERIOD_NS // MS) * MS
-        self._plan_ns, self._pause_ns = now_ns, now_ns
+        if seed % 2:
+            self.plant.run_free(now_ns, self._rng)
+        self._plant_ns = self._observe_ns = self._plan_ns = self._pause_ns = now_ns
         self._began_ns: int | None = None
         """when the gateway's period began whose commands have not left"""
         self._observed = self._estimated = False
@@ -67,7 +68,7 @@ class HeldUpLoop(Loop):
         length_ms = round(math.exp(self._rng.uniform(math.log(SHORTEST_MS), math.log(LONGEST_MS))))
         names = self._rng.choice(TOGETHER)
         self._held_until_ns |= dict.fromkeys(names, now_ns + length_ms * MS)
-        if "plant" in names:  # nodes of a car may report at another time from then on: what counts is how both lie
+        if "gateway" in names:  # it may be another program that begins its periods at another time
             self._observe_ns += self._rng.randrange(PERIOD_NS // MS) * MS
 
     def _drive(self, now_ns: int) -> None:

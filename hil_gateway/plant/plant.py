@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 from typing import Any
 
@@ -93,6 +94,10 @@ class Plant:
     def obeyed(self) -> Commands:
         """What the actuators get."""
         return self._obeyed
+
+    def run_free(self, now_ns: int, rng: random.Random) -> None:
+        """From now on the nodes of the car have clocks of their own."""
+        self._transmitter.run_free(now_ns, rng)
 
     def step(self, now_ns: int) -> None:
         """Advance to `now_ns` (monotonic, ns) in whole milliseconds."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -25,6 +26,8 @@ TYRE_PA, AIR_PA = 1.6e5, 1.013e5
 """over the air outside, and that air"""
 BRAKE_TRAVEL = 7500.0
 """counts of the brake actuators at full pressure"""
+CLOCK = 2e-4
+"""by which the clock of a node may be off: a period in 50 s"""
 Source = Callable[[], Values]
 """readings of one instant"""
 
@@ -37,6 +40,15 @@ class _Report:
     encode: Encoder
     modulus: int
     count: int = -1
+
+
+@dataclass(slots=True)
+class _Group:
+    """Messages that are sent together."""
+
+    period_ns: int
+    reports: list[_Report]
+    due_ns: int = 0
 
 
 class ReportTransmitter:
@@ -67,33 +79,46 @@ class ReportTransmitter:
         }
         """temperatures of a tyre"""
         self._sources = self._sources_of_quantities()
-        self._by_period: dict[int, list[_Report]] = {}
         placing = f"receiver.{next(iter(platform.receivers))}.latitude"
-        for message in self._codec.messages.values():
-            quantities = self._codec.quantities(message.name)
-            if message.direction == "car" and (positions or placing not in quantities):
-                together = self._by_period.setdefault(round(message.period_s * NS_PER_S), [])
-                together.append(self._report(message, quantities, together))
-        self._due_ns: dict[int, int] = {}
+        own = ((m, self._codec.quantities(m.name)) for m in self._codec.messages.values() if m.direction == "car")
+        self._messages = [(m, quantities) for m, quantities in own if positions or placing not in quantities]
+        self._groups = self._grouped(lambda quantities: None)
         self.next_ns = 0
         """when the next message is due; nothing needs to be called before"""
 
     def step(self, now_ns: int, received: ReceivedCommand) -> None:
         """Send every message whose period has passed."""
         self._received = received
-        for period_ns, reports in self._by_period.items():
-            due = self._due_ns.setdefault(period_ns, now_ns)
-            if now_ns < due:
+        for group in self._groups:
+            due_ns, period_ns = group.due_ns or now_ns, group.period_ns
+            group.due_ns = due_ns
+            if now_ns < due_ns:
                 continue
-            self._due_ns[period_ns] = due + period_ns if now_ns - due < period_ns else now_ns + period_ns
+            group.due_ns = due_ns + period_ns if now_ns - due_ns < period_ns else now_ns + period_ns
             send, readings = self._link.send, Values()
-            for report in reports:
+            for report in group.reports:
                 for source in report.sources:
                     readings |= source()
                 if report.modulus:
                     readings[COUNTER] = report.count = (report.count + 1) % report.modulus
                 send(*report.encode(readings))
-        self.next_ns = min(self._due_ns.values())
+        self.next_ns = min([group.due_ns for group in self._groups])
+
+    def run_free(self, now_ns: int, rng: random.Random) -> None:
+        """From now on every sensor sends at a time of its own, by a clock of its own: no two keep step for a minute."""
+        self._groups = self._grouped(lambda quantities: self._sources[quantities[0]] if quantities else None)
+        for group in self._groups:
+            group.due_ns = now_ns + rng.randrange(group.period_ns)
+            group.period_ns = round(group.period_ns * (1.0 + rng.uniform(-CLOCK, CLOCK)))
+
+    def _grouped(self, reader: Callable[[tuple[str, ...]], Source | None]) -> list[_Group]:
+        """Messages of the same period and the same `reader` of their quantities."""
+        groups: dict[tuple[int, Source | None], _Group] = {}
+        for message, quantities in self._messages:
+            period_ns = round(message.period_s * NS_PER_S)
+            group = groups.setdefault((period_ns, reader(quantities)), _Group(period_ns, []))
+            group.reports.append(self._report(message, quantities, group.reports))
+        return list(groups.values())
 
     def _report(self, message: BusMessage, quantities: tuple[str, ...], before: list[_Report]) -> _Report:
         """A message of those that are sent together: several share what one sensor reads."""
