@@ -107,8 +107,9 @@ def test_fixes_that_scatter_are_wrong_within_0_8_s(noise, wrong):
             spread = noise if tick > 50 else 0.02
             x, y = SPEED * 0.01 * tick, spread * rng.standard_normal()
             fixes.take(x, y, tick * TICK_NS)
-        told = state.model_copy(update={"position_x": fixes.x, "position_y": fixes.y, "position_seq": fixes.seq})
-        reckoned = Reckoned(Pose(fixes.x, 0.0, 0.0, SPEED), 0, by_gyro=True)
+        place = {"position_x": fixes.x, "position_y": fixes.y, "position_stamp_ns": fixes.stamp_ns}
+        told = state.model_copy(update={"position_seq": fixes.seq, **place})
+        reckoned = Reckoned(Pose(fixes.x, 0.0, 0.0, SPEED), fixes.stamp_ns, by_gyro=True)
         monitor.step(tick * TICK_NS, told, Motion(SPEED), reckoned, rolls=True)
     assert monitor.wrong == wrong
 
@@ -119,7 +120,8 @@ def test_one_wild_fix_is_forgiven():
     for tick in range(1, 200):
         if tick % 5 == 3:
             fixes.take(SPEED * 0.01 * tick, 3.0 if tick == 63 else 0.0, tick * TICK_NS)
-        told = state.model_copy(update={"position_x": fixes.x, "position_y": fixes.y, "position_seq": fixes.seq})
-        reckoned = Reckoned(Pose(fixes.x, 0.0, 0.0, SPEED), 0, by_gyro=True)
+        place = {"position_x": fixes.x, "position_y": fixes.y, "position_stamp_ns": fixes.stamp_ns}
+        told = state.model_copy(update={"position_seq": fixes.seq, **place})
+        reckoned = Reckoned(Pose(fixes.x, 0.0, 0.0, SPEED), fixes.stamp_ns, by_gyro=True)
         monitor.step(tick * TICK_NS, told, Motion(SPEED), reckoned, rolls=True)
     assert not monitor.wrong

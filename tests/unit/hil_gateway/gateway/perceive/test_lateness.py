@@ -140,4 +140,4 @@ def test_a_stop_with_late_frames_goes_by_where_the_car_is_now():
     rig.run(0.8)
     assert rig.action is FailsafeAction.EMERGENCY_STOP
     assert rig.car.speed > 40.0, "0.1 s of its way are metres"
-    assert max(map(abs, seen[-40:])) < 0.3
+    assert max(map(abs, seen[-40:])) < 0.4, "its wheels roll without the slip that brakes make"
