@@ -50,6 +50,8 @@ class Monitors:
         self._steering = SteeringMonitor(car)
         self._acceleration = AccelerationMonitor(car)
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = self._wheels_apart = False
+        self._imu_contradicted = False
+        """whether the IMU is wrong by what other sensors say, so that it says nothing of the brakes"""
         self._stopping = self._flat = False
         self._steering_off = self._steering_doubted = False
         """whether the steering does not report what it is asked for: now, or since a stop began"""
@@ -129,7 +131,7 @@ class Monitors:
         self._steering_off = steering_s > 0.0
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         sensors = self._compare(now_ns, state, course)
-        tells = state.sources["imu"].valid and not self._imu_gone and speed > SLOWEST
+        tells = state.sources["imu"].valid and not (self._imu_gone or self._imu_contradicted) and speed > SLOWEST
         unanswered_s = self._acceleration.step(now_ns, state.ax, self._following.obeyed if tells else ())
         self._distrust(sensors, unanswered_s)
         # a source that is not believed any more stops the car, whatever it says from then on
@@ -185,8 +187,9 @@ class Monitors:
         self.wheels_wrong = moving and (self.wheels_wrong or (sensors.slipping and not self.imu_wrong))
         apart = sensors.wheels > CONTRADICTED_S and not self.imu_wrong
         self._wheels_apart = moving and (self._wheels_apart or apart)
-        held_s = max(sensors.imu, along_s if sensors.fixes else 0.0)
-        found = held_s > CONTRADICTED_S and not slides
+        contradicted = sensors.imu > CONTRADICTED_S and not slides
+        self._imu_contradicted = moving and (self._imu_contradicted or contradicted)
+        found = contradicted or (sensors.fixes and along_s > CONTRADICTED_S and not slides)
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         suspect = max(sensors.imu, along_s) > 0.0 and not slides
         self.imu_suspect = self.imu_wrong or self._imu_gone or suspect
