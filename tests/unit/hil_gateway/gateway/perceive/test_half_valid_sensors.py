@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 from support.cars.scripted_car import Rig
 
@@ -34,6 +36,19 @@ def test_wheel_speeds_that_hang_stop_the_car() -> None:
     rig.car.overrides |= dict.fromkeys(WHEELS, 108.0)
     rig.run(0.6)
     assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "state_invalid")
+
+
+def test_an_imu_that_others_contradict_says_nothing_of_the_brakes() -> None:
+    """It turns as no car does and speeds up while this one brakes: it is wrong, the brakes are not."""
+    rig, causes, rng = moving(50.0), set(), random.Random(1)
+    wrong = {"imu_yaw_rate": -25.0, "imu_ay": -1.3, "imu_ax": 0.8}
+    for tick in range(250):
+        drifts = min(tick / 50.0, 1.0)
+        rig.car.overrides |= {name: drifts * value + 0.02 * rng.random() for name, value in wrong.items()}
+        rig.run(0.01)
+        causes.add(rig.cause)
+    assert causes == {"", "yaw_rate_wrong"}
+    assert rig.action is FailsafeAction.CONTROLLED_STOP
 
 
 @pytest.mark.parametrize("reading", [0.0, 1.0])
