@@ -29,14 +29,14 @@ def run_plant(config: Config, simulated: SimulatedCar | None = None) -> None:
     plant = Plant(config, link, bus, simulated=simulated)
     ports = Ports({name: given.address for name, given in config.receivers.items() if config.plant.receivers})
     punctual("plant")
-    next_ns = clock.now_ns()
+    due_ns = clock.now_ns()
     try:
         while not stopped():
             plant.receivers.unix_offset_ns = wall_offset_ns()
-            plant.step(clock.now_ns())
+            plant.step(due_ns)  # reports leave when they are due, not with the jitter of this process
             ports.send(plant.receivers.due(clock.now_ns()))
-            next_ns = next_due(next_ns, clock.now_ns(), PERIOD_NS)  # timers of a car do not shift when this one is late
-            clock.sleep_until(next_ns)
+            due_ns = next_due(due_ns, clock.now_ns(), PERIOD_NS)
+            clock.sleep_until(due_ns)
     finally:
         ports.close()
         bus.close()
