@@ -68,14 +68,14 @@ class ImuMonitor:
         self.found = self.found or quiet or self._stepped()
 
     def _stepped(self) -> bool:
-        """Whether the yaw rate has stepped by more than tyres make it, or two of the three, one of them the yaw rate or
-        to the other sign: on a patch of less grip both forces fall."""
+        """Whether the yaw rate has stepped by more than tyres make it, or with the lateral force; or both forces have,
+        one to the other sign: on less grip both fall, and a gear shift in a bend steps the other two."""
         if len(self._readings) < 2 * STEADY:
             return False
         turn, ay, ax = map(_step, zip(*self._readings, strict=True), self._least)
         _, ay_before, ax_before = self._readings[STEADY - 1]
         mirrored = min(ay_before * (ay_before + ay), ax_before * (ax_before + ax)) < 0.0
-        return abs(turn) > self._kick or bool(turn and (ay or ax)) or bool(ay and ax and mirrored)
+        return abs(turn) > self._kick or bool(turn and ay) or bool(ay and ax and mirrored)
 
     def _quiet(self) -> bool:
         """Whether the noise of two axes has fallen; learns what is usual."""
