@@ -35,6 +35,8 @@ class HeldUpLoop(Loop):
     def __init__(self, config: Config, seed: int, **given: Any) -> None:
         """`seed` of the pauses; with an odd one all nodes of the car have clocks of their own. The rest as `Loop`."""
         super().__init__(config, **given)
+        if others := sorted({name for name, _, _ in self._schedule} - set(ALL)):
+            raise ValueError(f"{', '.join(others)}: only {', '.join(ALL)} have their own times here")
         self._rng = random.Random(seed)
         now_ns = self.clock.now_ns()
         if seed % 2:
@@ -68,7 +70,7 @@ class HeldUpLoop(Loop):
         length_ms = round(math.exp(self._rng.uniform(math.log(SHORTEST_MS), math.log(LONGEST_MS))))
         names = self._rng.choice(TOGETHER)
         self._held_until_ns |= dict.fromkeys(names, now_ns + length_ms * MS)
-        if "gateway" in names:  # it may be another program that begins its periods at another time
+        if "gateway" in names:  # from then on its periods lie otherwise to the reports: what fits a phase fits no other
             self._observe_ns += self._rng.randrange(PERIOD_NS // MS) * MS
 
     def _drive(self, now_ns: int) -> None:

@@ -96,7 +96,7 @@ class Plant:
         return self._obeyed
 
     def run_free(self, now_ns: int, rng: random.Random) -> None:
-        """From now on the nodes of the car have clocks of their own."""
+        """Before the first step: the nodes of the car are to have clocks of their own."""
         self._transmitter.run_free(now_ns, rng)
 
     def step(self, now_ns: int) -> None:

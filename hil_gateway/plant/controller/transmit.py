@@ -105,7 +105,7 @@ class ReportTransmitter:
         self.next_ns = min([group.due_ns for group in self._groups])
 
     def run_free(self, now_ns: int, rng: random.Random) -> None:
-        """From now on every sensor sends at a time of its own, by a clock of its own: no two keep step for a minute."""
+        """Before the first frame: every sensor is to send at a time of its own, by a clock of its own."""
         self._groups = self._grouped(lambda quantities: self._sources[quantities[0]] if quantities else None)
         for group in self._groups:
             group.due_ns = now_ns + rng.randrange(group.period_ns)

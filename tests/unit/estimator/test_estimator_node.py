@@ -227,3 +227,18 @@ def test_estimator_starts_from_a_revision_file(oval: Track, tmp_path: Path) -> N
     bench = Bench(oval, model=str(file))
     assert bench.estimator.policy.current.tyre["df"] == pytest.approx(scaled(1.1)["df"])
     assert bench.estimator.belief.mean[0] == pytest.approx(scaled(1.1)["cx"])
+
+
+def test_a_fix_of_a_period_before_its_state_says_where_the_car_was_then(oval):
+    """40 m/s are 0.4 m a period."""
+    car, straight, late = Car(oval, speed=40.0), Bench(oval), Bench(oval)
+    states = [car.state() for _ in range(300)]
+    told = [
+        state.model_copy(update={
+            "position_x": before.position_x, "position_y": before.position_y, "position_stamp_ns": before.stamp_ns,
+        })
+        for before, state in pairwise(states)
+    ]  # fmt: skip
+    now, then = straight.feed(*states)[-1], late.feed(*told)[-1]
+    assert now.valid and then.valid
+    assert np.hypot(now.x - then.x, now.y - then.y) < 0.1

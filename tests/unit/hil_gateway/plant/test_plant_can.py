@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import random
 from collections import Counter, defaultdict
 from typing import Any
 
@@ -292,3 +293,25 @@ def test_wheels_tell_the_turn_of_the_car_whatever_its_physics_leave_out(base: st
     track = bench.plant.car.parameters.car.track_front
     assert bench.plant.car["yaw_rate"] > 0.1
     assert (right - left) / track == pytest.approx(bench.plant.car["yaw_rate"], abs=0.08), "0.1 km/h and noise"
+
+
+def test_nodes_with_clocks_of_their_own_keep_no_step_and_lose_no_count() -> None:
+    bench = Bench()
+    bench.plant.run_free(bench.clock.now_ns(), random.Random(1))
+    for _ in range(3000):
+        bench.clock.advance(MS)
+        bench.plant.step(bench.clock.now_ns())
+    stamps, counts = defaultdict(list), defaultdict(list)
+    for frame in bench.link.receive():
+        layout = CODEC.by_id[frame.id]
+        stamps[layout.name].append(frame.stamp_ns)
+        if layout.counter is not None:
+            counts[layout.name].append(CODEC.decode_raw(frame.id, frame.data)[layout.counter.signal])
+    phases = {name: stamps[name][0] % (10 * MS) for name in ("imu_1", "wheel_speed_report", "novatel_report")}
+    assert len(set(phases.values())) == 3
+    for name, times in stamps.items():
+        period_ns = CODEC.messages[name].period_s * 1e9
+        assert (times[-1] - times[0]) / (len(times) - 1) == pytest.approx(period_ns, rel=3e-4, abs=2 * MS / len(times))
+    for name, values in counts.items():
+        modulus = CODEC.messages[name].counter.modulus
+        assert all((b - a) % modulus == 1 for a, b in itertools.pairwise(values))

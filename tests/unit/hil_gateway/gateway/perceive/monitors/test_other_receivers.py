@@ -52,12 +52,14 @@ def noticed_s(
     asleep_s: float = 0.0,
     second_from_s: float = 0.0,
     stands_s: float = 5.0,
+    waits_every: float = math.inf,
 ) -> float | None:
     """Time until a drift outwards and `along` the way (m/s), which begins half way, is noticed in laps of a circle;
     None: never.
 
     From `lost_s` on the receivers repeat their last reading. A fifth of the way through, gateway and car sleep for
-    `asleep_s`. The second of them is heard from `second_from_s` on. The car stands for `stands_s` at first.
+    `asleep_s`. The second of them is heard from `second_from_s` on. The car stands for `stands_s` at first. One of so
+    many readings waits for 0.1 s.
     """
     at_speed, radius = bend
     noise, place = Noise(seed), {"x": radius, "y": 0.0}
@@ -73,6 +75,8 @@ def noticed_s(
         off, on = drift * since_s + 0.02 * noise(), along * since_s + 0.02 * noise()
         east, north = off * cos - on * sin, off * sin + on * cos
         reports.fixes.take(place["x"] + east, place["y"] + north, now_ns)
+        if tick and tick % waits_every == 0:
+            place["x"], place["y"] = (radius * turn(way - 0.1 * speed / radius) for turn in (math.cos, math.sin))
         for name in heard if tick % 2 == 0 else ():
             if name == BOTH[1] and 0.05 * tick < second_from_s:
                 continue
@@ -98,6 +102,12 @@ def test_a_car_that_has_stood_for_long_drives_off_without_a_drift(seed: int) -> 
 def test_a_drift_of_half_a_metre_a_second_is_noticed_within_3_s(seed: int, outwards: float, along: float) -> None:
     since_s = noticed_s(60.0, outwards, BOTH, seed, along=along)
     assert since_s is not None and 0.0 < since_s < 3.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drift_is_noticed_although_a_reading_in_a_second_has_waited(seed: int) -> None:
+    since_s = noticed_s(60.0, 0.5, BOTH, seed, waits_every=20)
+    assert since_s is not None and 0.0 < since_s < 3.5
 
 
 @pytest.mark.parametrize("seed", range(3))
