@@ -109,7 +109,7 @@ class Estimator:
         self._bus.publish(topics.ESTIMATE, estimate)
         if (sample := self._window.push(state, estimate, self.localisation)) is not None:
             self.learn(sample, state.stamp_ns)
-            self._compare(sample, wheel_slips(state, estimate.vx))
+            self._compare(sample, wheel_slips(state, estimate.vx), state.steer_late)
         else:
             self.model.delivery.clear()
         if _is_due(self._belief_due_ns, topics.BELIEF.period_ns, state.stamp_ns):
@@ -131,10 +131,10 @@ class Estimator:
         if self._learns:
             self.belief.update(in_kind(sample, self.belief.settings.kind, self.belief.model.vehicle))
 
-    def _compare(self, sample: Sample, slips: tuple[float, float]) -> None:
+    def _compare(self, sample: Sample, slips: tuple[float, float], steer_late: float) -> None:
         """What tyres and brakes deliver now; `slips` of the wheels as `wheel_slips` says."""
         sample, tyres = self._believed(sample)
-        self.model.delivery.push(sample, tyres, slips)
+        self.model.delivery.push(sample, tyres, slips, steer_late)
 
     def _believed(self, sample: Sample) -> tuple[Sample, Array]:
         """The sample with the effects, and the tyre parameters, that are now believed."""

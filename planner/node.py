@@ -27,7 +27,7 @@ from planner.line.track import Reference
 from planner.plan.fallback import StopPlanner, Trajectory, shifted, stop_plan
 from planner.plan.first_metres import WayLeft, straight_ahead
 from planner.plan.from_rest import STILL, WALKING, Following, Unmoved, is_off, moves_off
-from planner.plan.prediction import ActuatorModel, Car, PredictedMoment, Sent, credible, predict
+from planner.plan.prediction import ActuatorModel, Car, InputCourse, PredictedMoment, Sent, credible, predict
 from planner.plan.publishing import PlanDecision, Publisher, Stamps, within
 from planner.problem.load_limits import LoadLimits, starting_limits, store_limits
 from planner.problem.motion import DRIVE, PROGRESS, VX, S
@@ -165,14 +165,14 @@ class Planner:
         if not (credible(car, self._track) and math.isfinite(e.drive) and math.isfinite(e.steer)):
             return None
         self.adoption.take_delivered(e.delivered)
+        self.adoption.take_late(e.steer_late)
         controller = self.adoption.controller
         controller.take_road(e.grade_share, e.bank_share)
         turns = round((float(controller.sqp.z[2, 0]) - e.yaw) / math.tau)
         car = (e.x, e.y, e.yaw + math.tau * turns, e.vx, e.vy, e.yaw_rate)
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
         measured = PredictedMoment(measured_ns, car, self.adoption.delivered.acting(e.drive), e.steer)
-        late_ns = round(self.adoption.drive_late_s * NS_PER_S)
-        then = predict(self._actuators, controller.advance, measured, start_ns, late_ns)
+        then = predict(self._actuators, controller.advance, measured, start_ns, self.adoption.late)
         if not then.finite:  # no model of the plan may end the process
             return None
         expected = self._expected(start_ns)
@@ -180,26 +180,31 @@ class Planner:
         s = self._locate(then, 0.0 if expected is None else float(expected[S]), near)
         self.adoption.watch(e, s)
         progress = then.car[3] if expected is None or not near else float(expected[PROGRESS])
-        limits, drive = self.settings.limits, self._drive_ahead(start_ns, expected)
-        return np.array([
-            *then.car, s, drive, within(then.steer, -limits.steer, limits.steer), within(progress, 0.0, limits.speed),
-        ])  # fmt: skip
+        limits, (drive, steer) = self.settings.limits, self._take_sent(start_ns, expected)
+        return np.array([*then.car, s, drive, steer, within(progress, 0.0, limits.speed)])
 
-    def _drive_ahead(self, start_ns: int, expected: Array | None) -> float:
-        """Drive command that acts at the start of the plan; the controller takes what is sent and acts later."""
-        limits, late_s = self.settings.limits, self.adoption.drive_late_s
+    def _take_sent(self, start_ns: int, expected: Array | None) -> tuple[float, float]:
+        """Drive and steer that act at the start of the plan; the controller takes what is sent and acts later."""
+        limits, late, actuators = self.settings.limits, self.adoption.late, self._actuators
+        steer = self._ahead(actuators.steer_course, start_ns, late.steer)
         if self._newest_applied is not None and self._newest_applied.holding:
             # these brakes are the gateway's, which releases them for a command that carries the car
             held = 0.0 if expected is None else float(expected[DRIVE])
-            acting, late_s = np.full(self.settings.horizon + 1, held), 0.0
+            drive, late = np.full(len(steer), held), late._replace(drive=0.0)
         else:
-            dt, horizon, course = self.settings.dt, self.settings.horizon, self._actuators.course
-            ahead_s = [dt * k - late_s for k in range(min(math.ceil(late_s / dt), horizon))]
-            sent = [course.at(start_ns + round(s * NS_PER_S)) for s in (*ahead_s, 0.0)]
-            acting = np.array(sent + sent[-1:] * (horizon + 1 - len(sent)))
-        acting = np.clip(acting, limits.drive_min, limits.drive_max)
-        self.adoption.controller.take_drive(acting, late_s)
-        return float(acting[0])
+            drive = self._ahead(actuators.drive_course, start_ns, late.drive)
+        acting = np.array([
+            np.clip(drive, limits.drive_min, limits.drive_max), np.clip(steer, -limits.steer, limits.steer),
+        ])  # fmt: skip
+        self.adoption.controller.take_sent(acting, late)
+        return float(acting[0, 0]), float(acting[1, 0])
+
+    def _ahead(self, course: InputCourse, start_ns: int, late_s: float) -> Array:
+        """(N+1,) values of an input that act at the stages, by what is sent."""
+        dt, horizon = self.settings.dt, self.settings.horizon
+        ahead_s = [dt * k - late_s for k in range(min(math.ceil(late_s / dt), horizon))]
+        sent = [course.at(start_ns + round(s * NS_PER_S)) for s in (*ahead_s, 0.0)]
+        return np.array(sent + sent[-1:] * (horizon + 1 - len(sent)))
 
     def _locate(self, then: PredictedMoment, last: float, near: bool) -> float:
         """Progress on what is the reference from now on; `last` expected, and whether the car is `near` there."""

@@ -22,6 +22,7 @@ from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
+from hil_gateway.settings.gateway import PERIOD_S
 
 WINDOW = 10
 """samples, 0.1 s: longer, a car at 60 m/s is out of the bend before it is known; shorter, noise of the yaw
@@ -37,6 +38,7 @@ ROLLING = 0.06
 """slip of braked wheels up to which their tyres hold what the brakes give: half of the slip at the peak"""
 LOCKING = 0.12
 """slip beyond the peak of the tyres along the wheel: what they give there, both axles together, is all there is"""
+STEER = SIGNALS.index("steer")
 CONFIRMED = 3
 """samples on end beyond it before wheels are said to lock: one is noise"""
 
@@ -68,19 +70,25 @@ class Delivery:
         self._rows: deque[_Row] = deque(maxlen=WINDOW)
         self._along: deque[float] = deque(maxlen=LATE + 1)
         """force that is expected of the brakes, N <= 0"""
+        self._steered: deque[float] = deque(maxlen=LATE + 1)
+        """road-wheel angles as reported, rad"""
 
     def clear(self) -> None:
         """Samples are missing."""
         self._rows.clear()
         self._along.clear()
+        self._steered.clear()
 
-    def push(self, sample: Sample, theta: Array, slips: tuple[float, float]) -> None:
-        """Take in one sample of kind `imu_yaw` with the tyre parameters now believed; `slips` as `wheel_slips`."""
+    def push(self, sample: Sample, theta: Array, slips: tuple[float, float], steer_late: float = 0.0) -> None:
+        """Take in one sample of kind `imu_yaw` with the tyre parameters now believed; `slips` as `wheel_slips`; the
+        road wheels follow the reported angle `steer_late` s later."""
         if sample.signals[0] < BeliefSettings.min_speed or not plausible(sample):
             self.clear()
             return
         signals, aux, tyres, phi, _ = self._function.arguments
         signals[:], aux[:], tyres[:], phi[:] = sample.signals, sample.aux, theta, sample.phi
+        self._steered.append(float(sample.signals[STEER]))
+        signals[STEER] = self._acting(steer_late)
         self._function.evaluate()
         ax, ay, yaw_acc, front, rear, along, *peaks = self._function.results[0].tolist()
         z = sample.z.tolist()
@@ -97,6 +105,13 @@ class Delivery:
         v = self._vehicle
         front = (v.mass * v.lr * ay + v.yaw_inertia * yaw_acc) / v.wheelbase
         return front, v.mass * ay - front, v.mass * ax
+
+    def _acting(self, late_s: float) -> float:
+        """Road-wheel angle that was reported so long ago, rad."""
+        ago = min(late_s / PERIOD_S, len(self._steered) - 1.0)
+        whole = int(ago)
+        newer, older = self._steered[-1 - whole], self._steered[-min(2 + whole, len(self._steered))]
+        return newer + (ago - whole) * (older - newer)
 
     def _due(self) -> float:
         """Least braking force, N <= 0, expected within the last `LATE` samples and now; 0 if not known."""

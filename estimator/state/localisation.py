@@ -258,8 +258,8 @@ class Localisation:
             bias_ax=ax - fx, bias_ay=ay - fy, bias_yaw_rate=br,
             std=(*std[:5], f.yaw_rate_std, *std[5:8]),
             grade_share=float(f.mean[GRADE_SHARE]), bank_share=float(f.mean[BANK_SHARE]),
-            steer=state.steer, drive=state.drive, innovations_rejected=f.rejected, delivered=delivered, lacks=lacks,
-            bridged=self._bridged, agreement=ours,
+            steer=state.steer, steer_late=state.steer_late, drive=state.drive, innovations_rejected=f.rejected,
+            delivered=delivered, lacks=lacks, bridged=self._bridged, agreement=ours,
         )  # fmt: skip
 
     def _lacks(self, position_std: float, yaw_std: float) -> Lacks:

@@ -24,6 +24,7 @@ Motion = Annotated[float, Field(ge=-1e4, le=1e4)]
 """a speed or rate as it is estimated"""
 Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
 Slip = Annotated[float, Field(ge=-100, le=100)]
+Late = Annotated[float, Field(ge=0, le=1)]
 Balance = Annotated[float, Field(ge=-1, le=1)]
 Position = Annotated[float, Field(ge=-1e7, le=1e7)]
 Pressure = Annotated[float, Field(ge=-1e8, le=1e8)]
@@ -124,6 +125,7 @@ class Estimate(Message):
     grade_share: Reported = Field(default=1.0, description="share of the track map's grade that is real")
     bank_share: Reported = Field(default=1.0, description="the same of its bank")
     steer: Angle = Field(description="road-wheel angle as the car reports it, rad")
+    steer_late: Late = Field(default=0.0, description="by which the road wheels follow it, s, see VehicleState")
     drive: Slip = Field(description="slip-ratio drive command equivalent to the reported pedals")
     innovations_rejected: Count = Field(description="measurements gated out since start")
     delivered: Delivered | None = Field(default=None, description="what tyres and brakes give of what is believed")
@@ -154,6 +156,7 @@ class VehicleState(Message):
     wheel_speed_rl: Reported
     wheel_speed_rr: Reported
     steer: Angle = Field(description="road-wheel angle, rad")
+    steer_late: Late = Field(default=0.0, description="by which the road wheels follow it, as driving has shown, s")
     steer_rate: Reported
     accelerator: float = Field(ge=0, le=1)
     throttle: Slip = Field(description="engine throttle, 0..1")

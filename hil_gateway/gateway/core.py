@@ -152,7 +152,8 @@ class Gateway:
         """Frames that have arrived, to the published vehicle state."""
         self.builder.take(self._link.receive(0.0), now_ns)
         self.builder.hear(self.inbox.read_navigation(now_ns), now_ns)
-        state = self.builder.build(now_ns, before.race_control.ct_state, *flags_in_force(self.builder, now_ns))
+        flags, late = flags_in_force(self.builder, now_ns), self.monitors.motion.steer_late
+        state = self.builder.build(now_ns, before.race_control.ct_state, *flags, late)
         if (known := self._stood.estimate) is not None:
             state = state.model_copy(update={"stood": known})
         self._bus.publish(topics.VEHICLE_STATE, state)

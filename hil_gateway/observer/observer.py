@@ -82,6 +82,13 @@ class Observer:
         return self._lateral.without.now[lateral.ZERO]
 
     @property
+    def steer_late(self) -> float:
+        """By which the road wheels follow the angle that is reported, as far as any car's do, s; without what the IMU
+        has shown in the last seconds."""
+        most = PERIOD_S * ((self._steered.maxlen or 1) - 1)
+        return min(max(self._lateral.without.now[lateral.DELAY], 0.0), most)
+
+    @property
     def slip(self) -> float:
         """Angle from where the car points to where it goes, rad; 0 where it is slow."""
         lane, _ = self.steering.told or (self._lateral.main, 0.0)

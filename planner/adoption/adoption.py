@@ -29,6 +29,7 @@ from planner.line.envelope import SPEED_LEFT, Brakes, envelope_of
 from planner.line.raceline import OptimisedLine, raceline_for
 from planner.line.track import Reference
 from planner.plan.controller import Controller, TyreKnowledge
+from planner.plan.prediction import Late
 from planner.plan.publishing import InForce
 from planner.problem.load_limits import LoadLimits, judged_limits
 from planner.problem.mpcc import Problem
@@ -90,6 +91,7 @@ class Adoption:
         self.corrected = config.estimator.learn or not self._by_data_sheet
         """whether data correct the model; else every lap is like the first, and no load held counts"""
         self._front_response = None if self.corrected else np.inf
+        self._steer_late_s = 0.0
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
         self._line: OptimisedLine | None = None
@@ -106,12 +108,12 @@ class Adoption:
     @property
     def in_force(self) -> InForce:
         """What a plan is published of."""
-        return InForce(self.controller, self.current.revision.revision, self.delivered.sent, self.drive_late_s)
+        return InForce(self.controller, self.current.revision.revision, self.delivered.sent, self.late)
 
     @property
-    def drive_late_s(self) -> float:
-        """How much later than it is reported the drive command acts, s."""
-        return max(self.current.revised.constant(Quantity.DRIVE_DELAY) or 0.0, 0.0)
+    def late(self) -> Late:
+        """How much later than they are reported the inputs act: by the model, and the steering as driving shows."""
+        return Late(max(self.current.revised.constant(Quantity.DRIVE_DELAY) or 0.0, 0.0), self._steer_late_s)
 
     def offer(self, revision: ModelRevision) -> None:
         """Consider a revision from the estimator."""
@@ -150,6 +152,10 @@ class Adoption:
         knowledge = self._knowledge(before, current.revised, current.tyre, current.revision)
         self.controller.set_knowledge(knowledge)
         self._changed = not at_rest(knowledge, current.revised, current.tyre, current.revision, self._reserves)
+
+    def take_late(self, steer_s: float) -> None:
+        """The road wheels follow the reported angle so much later, s."""
+        self._steer_late_s = steer_s
 
     def take_delivered(self, delivered: Delivered | None) -> None:
         """Plan at once with what tyres and brakes deliver now."""

@@ -17,7 +17,7 @@ from estimator.model.parameters import Quantity
 from estimator.model.tyre import front_and_rear
 from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
-from planner.plan.prediction import Car, Held
+from planner.plan.prediction import AT_ONCE, Car, Held, Late
 from planner.problem import infomax
 from planner.problem.motion import DRIVE, NU, PROGRESS, VX, YAW_RATE, S, extra_load
 from planner.problem.mpcc import ADVANCE_STEPS, Problem
@@ -99,7 +99,7 @@ class Controller:
         self.stages[problem.stage["progress"], :-1] = self.settings.weights.progress
         # the last one would push v_s against the horizon's end: its weight stays 0
         self.stages[problem.stage["learning"]] = infomax.patience(self.settings.dt, self.settings.horizon)
-        self.take_drive(np.zeros(self.settings.horizon + 1), 0.0)
+        self.take_sent(np.zeros((2, self.settings.horizon + 1)), AT_ONCE)
         self._filled: tuple[Array, Reference, PhiAt] | None = None
         """what the stage parameters were filled for"""
         self._known: tuple[Array, TyreKnowledge, float, Array] | None = None
@@ -188,13 +188,14 @@ class Controller:
         extra = extra_load(self.reference.road_load(s), vx, yaw_rate)
         return float(self.settings.brakes.balance(vx, drive, self.knowledge.brake_ratio, extra))
 
-    def take_drive(self, acting: Array, late_s: float) -> None:
-        """`acting` (N+1,): the drive command at each stage by what is sent already; what is decided now acts `late_s`
+    def take_sent(self, acting: Array, late: Late) -> None:
+        """`acting` (2, N+1): drive and steer at each stage by what is sent already; what is decided now acts so `late`
         after the plan's start."""
         names, dt = self.problem.stage, self.settings.dt
-        free = np.clip(np.arange(1, self.settings.horizon + 1) - late_s / dt, 0.0, 1.0)
-        self.stages[names["drive_sent"]], self.stages[names["drive_free"]] = np.diff(acting), free
-        self._within_reach = acting[1:] - acting[0] - self.settings.limits.drive_rate * dt * np.cumsum(free)
+        free = np.clip(np.arange(1, self.settings.horizon + 1) - np.array(late)[:, None] / dt, 0.0, 1.0)
+        self.stages[names["sent"]], self.stages[names["free"]] = np.diff(acting), free
+        drive = acting[0]
+        self._within_reach = drive[1:] - drive[0] - self.settings.limits.drive_rate * dt * np.cumsum(free[0])
 
     def fill_stages(self, drive: float) -> None:
         """Stage parameters along the guess, at the present drive command."""
@@ -203,9 +204,9 @@ class Controller:
 
     @property
     def here(self) -> Array:
-        """Parameters of the plan's first stage, all of whose drive command is free."""
+        """Parameters of the plan's first stage, all of whose inputs are free."""
         column = self.stages[:, 0].copy()
-        column[self.problem.stage["drive_sent"]], column[self.problem.stage["drive_free"]] = 0.0, 1.0
+        column[self.problem.stage["sent"]], column[self.problem.stage["free"]] = 0.0, 1.0
         return column
 
     def _fill_along_guess(self) -> None:

@@ -11,6 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hil_gateway.car.car import Actuators
 from hil_gateway.process.clock import NS_PER_S
@@ -30,6 +31,16 @@ FASTEST = (150.0, 60.0, 10.0)
 """vx and vy, m/s, and yaw rate, rad/s, that no car on four wheels reaches"""
 
 
+class Late(NamedTuple):
+    """By how much the inputs act later than they are reported, s."""
+
+    drive: float = 0.0
+    steer: float = 0.0
+
+
+AT_ONCE = Late()
+
+
 @dataclass(frozen=True)
 class Sent:
     """One command as it left, own clock."""
@@ -39,21 +50,21 @@ class Sent:
     drive: float
 
 
-class DriveCourse:
-    """The drive command over time: as it was reported, then as what was sent will bring it about."""
+class InputCourse:
+    """An input of the car over time: as it was reported, then as what was sent will bring it about."""
 
     def __init__(self) -> None:
         self._points: deque[tuple[int, float]] = deque(maxlen=HISTORY)
 
-    def report(self, at_ns: int, drive: float) -> None:
+    def report(self, at_ns: int, value: float) -> None:
         """What is measured takes the place of what was expected from then on."""
         while self._points and self._points[-1][0] >= at_ns:
             self._points.pop()
-        self.expect(at_ns, drive)
+        self.expect(at_ns, value)
 
-    def expect(self, at_ns: int, drive: float) -> None:
+    def expect(self, at_ns: int, value: float) -> None:
         """What comes after all that is known; stamps must increase."""
-        self._points.append((at_ns, drive))
+        self._points.append((at_ns, value))
 
     def at(self, t_ns: int) -> float:
         """At a time, straight between two points, as the nearest one outside of them."""
@@ -67,14 +78,14 @@ class DriveCourse:
 
 
 class ActuatorModel:
-    """History of sent commands, the first-order lag of steering and drive, and the `course` that drive has taken."""
+    """History of sent commands, the first-order lag of steering and drive, and the courses that both have taken."""
 
     def __init__(self, actuators: Actuators) -> None:
         self.delay_ns = round(actuators.first_motion * NS_PER_S)
         self.steer_lag = 1.0 / (2 * math.pi * actuators.steering_bandwidth)
         self.drive_lag = 1.0 / (2 * math.pi * actuators.brake_bandwidth)
         self._sent: deque[Sent] = deque(maxlen=HISTORY)
-        self.course = DriveCourse()
+        self.drive_course, self.steer_course = InputCourse(), InputCourse()
         self._done = self._done_in(SUB_STEP_S)
 
     def record(self, sent: Sent) -> None:
@@ -123,26 +134,39 @@ class PredictedMoment:
 
 def predict(
     actuators: ActuatorModel, advance: Callable[[Car, list[Held]], Car], now: PredictedMoment, end_ns: int,
-    late_ns: int = 0,
+    late: Late = AT_ONCE,
 ) -> PredictedMoment:  # fmt: skip
     """The moment `end_ns` from `now`; `advance(car, held)` moves the car with inputs held over each step.
 
-    The drive command of `now` is the reported one; it acts `late_ns` later. That of the moment is the one that acts.
+    The inputs of `now` are the reported ones; they act `late`. Those of the moment are the ones that act.
     """
-    at_ns, reported, steer, held, course = now.at_ns, now.drive, now.steer, [], actuators.course
-    course.report(at_ns, reported)
-    drive = course.at(at_ns - late_ns)
+    at_ns, drive, steer, held, acting = now.at_ns, now.drive, now.steer, [], _Acting(actuators, late)
+    actuators.drive_course.report(at_ns, drive)
+    actuators.steer_course.report(at_ns, steer)
+    before = acting.at(at_ns)
     while at_ns < end_ns:
         step_ns = min(SUB_STEP_NS, end_ns - at_ns)
         duration = step_ns / NS_PER_S
-        drive_before, steer_before = drive, steer
-        reported, steer = actuators.follow(reported, steer, at_ns, duration)
+        drive, steer = actuators.follow(drive, steer, at_ns, duration)
         at_ns += step_ns
-        course.expect(at_ns, reported)
-        drive = course.at(at_ns - late_ns)
-        held.append((0.5 * (drive + drive_before), 0.5 * (steer + steer_before), duration))
+        actuators.drive_course.expect(at_ns, drive)
+        actuators.steer_course.expect(at_ns, steer)
+        then = acting.at(at_ns)
+        held.append((0.5 * (then[0] + before[0]), 0.5 * (then[1] + before[1]), duration))
+        before = then
     car = advance(now.car, held) if held else now.car
-    return PredictedMoment(at_ns, car, drive, steer)
+    return PredictedMoment(at_ns, car, *before)
+
+
+class _Acting:
+    """Drive and steer that act at a time."""
+
+    def __init__(self, actuators: ActuatorModel, late: Late) -> None:
+        self._drive, self._steer = actuators.drive_course, actuators.steer_course
+        self._drive_ns, self._steer_ns = (round(seconds * NS_PER_S) for seconds in late)
+
+    def at(self, t_ns: int) -> tuple[float, float]:
+        return self._drive.at(t_ns - self._drive_ns), self._steer.at(t_ns - self._steer_ns)
 
 
 def credible(car: Car, track: Track) -> bool:

@@ -17,7 +17,7 @@ from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from planner.plan.controller import Controller
 from planner.plan.fallback import Trajectory
-from planner.plan.prediction import ActuatorModel
+from planner.plan.prediction import AT_ONCE, ActuatorModel, Late
 from planner.problem.motion import DRIVE, STATES, STEER, S
 from planner.problem.settings import Settings
 
@@ -38,12 +38,12 @@ class PlanDecision:
 @dataclass(frozen=True)
 class InForce:
     """Controller that plans, the revision of its model, the drive command to send for one by its force, and how much
-    later than reported it acts, s."""
+    later than reported inputs act."""
 
     controller: Controller
     revision: str
     sent: Callable[[float], float]
-    drive_late_s: float = 0.0
+    late: Late = AT_ONCE
 
 
 @dataclass(frozen=True)
@@ -80,19 +80,24 @@ class Publisher:
         return message
 
     def _command(self, z: Array, model: InForce, stamps: Stamps) -> Command:
-        """That takes the actuators from stage 0 to stage 1 of states z (NZ, N+1) through their lag, and the drive from
-        where it is when it begins to act."""
+        """That takes the actuators through an interval of states z (NZ, N+1) and their lag, from where they are when it
+        begins to act."""
         actuators, limits, dt, train = self._actuators, self._settings.limits, self._settings.dt, self._train
-        steer = actuators.lead(float(z[STEER, 0]), float(z[STEER, 1]), dt, actuators.steer_lag)
-        acts = model.drive_late_s / dt
-        now, then = np.interp((acts, acts + 1.0), np.arange(z.shape[1]), z[DRIVE]).tolist()
-        drive = actuators.lead(now, then, dt, actuators.drive_lag)
+        steer = actuators.lead(*_interval(z[STEER], model.late.steer / dt), dt, actuators.steer_lag)
+        acts = model.late.drive / dt
+        drive = actuators.lead(*_interval(z[DRIVE], acts), dt, actuators.drive_lag)
         drive = within(drive, limits.drive_min, limits.drive_max)
         return Command(
             **vars(stamps), source="planner", steer=within(steer, -limits.steer, limits.steer),
             drive=max(model.sent(drive), -train.hardest_braking / train.force_per_drive),
             brake_balance=model.controller.brake_balance(z[:, round(acts)], drive),
         )  # fmt: skip
+
+
+def _interval(stages: Array, begins: float) -> tuple[float, float]:
+    """Value of an input (N+1,) at this fraction of a stage, and a stage later."""
+    now, then = np.interp((begins, begins + 1.0), np.arange(len(stages)), stages).tolist()
+    return now, then
 
 
 def within(value: float, low: float, high: float) -> float:

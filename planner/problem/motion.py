@@ -37,16 +37,14 @@ HOLD_SPEED = 0.5
 """m/s: below about this deceleration fades to nothing"""
 
 
-def auxiliary(
-    model: SingleTrack, brakes: BrakeLaw, z: Sequence[Expr], rates: Sequence[Expr], p: Mapping[str, Expr]
-) -> dict[str, Expr]:
-    """Signals effects may need, as far as a plan knows them; the rest is neutral. `rates` of drive and steer, 1/s."""
+def auxiliary(model: SingleTrack, brakes: BrakeLaw, z: Sequence[Expr], p: Mapping[str, Expr]) -> dict[str, Expr]:
+    """Signals effects may need, as far as a plan knows them; the rest is neutral. So are the rates of the inputs: those
+    of a plan are the ones that act."""
     lap, extra = p["lap"], extra_load(p["road_load"], z[VX], z[5])
     known = {
         "track_position": z[S] - lap * ca.floor(z[S] / lap),
         "yaw": z[2],
         "ax": p["theta"][0] * z[DRIVE] / model.vehicle.mass,
-        "steer_rate": rates[1],
         "brake_balance": brakes.balance(z[VX], z[DRIVE], p["brake_ratio"], extra),
         "extra_load": extra,
     }
@@ -81,11 +79,11 @@ class Dynamics:
     dt: float
     brakes: BrakeLaw
 
-    def derivative(self, x: Expr, u: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
+    def derivative(self, x: Expr, u: Expr, p: Mapping[str, Expr]) -> Expr:
         """d/dt of the seven car states for inputs u = [d, delta, v_s]."""
         z = ca.vertsplit(ca.vertcat(x, u))
         theta, phi = split(p["theta"]), split(p["phi"])
-        aux = auxiliary(self.model, self.brakes, z, ca.vertsplit(du / self.dt), p)
+        aux = auxiliary(self.model, self.brakes, z, p)
         car = state_derivative(self.model, z[:6], (z[STEER], z[DRIVE]), theta, phi, aux=aux)
         _, _, _, vx, vy, yaw_rate, _, _, steer, progress = z
         weight = dynamic_share(vx)
@@ -102,12 +100,12 @@ class Dynamics:
         return ca.vertcat(car[:3], along, blended, progress)
 
     def step(self, z: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
-        """One interval by RK4; the inputs move linearly from u to u + du, drive as far as it is not decided before."""
+        """One interval by RK4; the inputs move linearly from u to u + du, as far as that is not decided before."""
         x, u, h = z[:7], z[7:], self.dt
-        du = ca.vertcat(p["drive_free"] * du[0] + p["drive_sent"], du[1:])
+        du = ca.vertcat(p["free"] * du[:2] + p["sent"], du[2])
 
         def f(state: Expr, share: float) -> Expr:
-            return self.derivative(state, u + share * du, du, p)
+            return self.derivative(state, u + share * du, p)
 
         k1 = f(x, 0.0)
         k2 = f(x + h / 2 * k1, 0.5)

@@ -215,10 +215,10 @@ class Problem(StageModel):
         """
         car, held = ca.SX.sym("car", 6), ca.SX.sym("held", 3)
         _, _, stage, _, common, p = self._symbols()
-        u, still = ca.vertcat(held[0], held[1], 0.0), ca.DM.zeros(NU)
+        u = ca.vertcat(held[0], held[1], 0.0)
 
         def f(x: Expr) -> Expr:
-            return self.dynamics.derivative(ca.vertcat(x, p["s"]), u, still, p)[:6]
+            return self.dynamics.derivative(ca.vertcat(x, p["s"]), u, p)[:6]
 
         after = rk4(f, car, held[2])
         after[VX] = ca.if_else(after[VX] < 0.0, 0.0, after[VX])  # keeps what is no number, which a maximum would not

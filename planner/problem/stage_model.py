@@ -22,6 +22,6 @@ class StageModel:
     def evaluate(self, z: Expr, theta: Expr, p: Mapping[str, Expr]) -> Terms:
         """Forces, loads and accelerations at state z (NZ,) for tyre parameters theta; SI, body frame."""
         parts = ca.vertsplit(z)
-        aux = auxiliary(self.model, self.settings.brakes, parts, [0.0, 0.0, 0.0], p)
+        aux = auxiliary(self.model, self.settings.brakes, parts, p)
         signals = (z[VX], z[4], z[5], z[STEER], z[DRIVE])
         return self.model.evaluate(Terms(self.model.vehicle, *signals, aux=aux), split(theta), split(p["phi"]))

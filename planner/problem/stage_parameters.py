@@ -26,15 +26,15 @@ class Names(dict[str, slice]):
 def stage_names(model: SingleTrack) -> Names:
     """Parameters of one stage.
 
-    Knot s and cubics of the reference line in s - knot (power 0..3), offset of the middle of the track from the line
-    at the knot and its slope, half the width left to the CoG (m), speed limit at the knot and its slope, weight q_v
-    (0 at the last stage), share of q_I, multipliers of the two load rows, upper drive limit, change of the drive
-    command that is on its way before the stage and share of the interval that is still free, grade and bank (rad) of
+    Knot s and cubics of the reference line in s - knot (power 0..3), offset of the middle of the track from the line at
+    the knot and its slope, half the width left to the CoG (m), speed limit at the knot and its slope, weight q_v (0 at
+    the last stage), share of q_I, multipliers of the two load rows, upper drive limit, changes of drive and steer that
+    are on their way before the stage and shares of the interval in which they are still free, grade and bank (rad) of
     the track as far as no effect of the model stands for them, what the road adds to the axle loads (three rows of
     `Reference.stages`), effect parameters at the stage's place.
     """
     sizes = {"s": 1, "cubic_x": 4, "cubic_y": 4, "centre": 2, "half_width": 1, "speed": 2, "progress": 1, "learning": 1}
-    own = {"multiplier": 2, "drive_max": 1, "drive_sent": 1, "drive_free": 1, "grade": 1, "bank": 1, "road_load": 3}
+    own = {"multiplier": 2, "drive_max": 1, "sent": 2, "free": 2, "grade": 1, "bank": 1, "road_load": 3}
     return Names(sizes | own | {"phi": len(model.effect_table)})
 
 

@@ -12,8 +12,8 @@ from planner.simulation.loop import Loop
 
 NERVOUS = SimulatedCar(grip_front=1.17, grip_rear=0.94, mass=836.6, yaw_inertia=924.6, cg_x=0.065, downforce=1.09)
 """much grip in front, little behind, quick to turn, and tyres stiffer by half than declared"""
-LATE = SimulatedCar(effects={"drive_delay": 0.15})
-"""engine and brakes that act 0.15 s after their pedal and pressure are reported"""
+LATE = SimulatedCar(effects={"drive_delay": 0.15, "steer_delay": 0.06})
+"""engine and brakes that act 0.15 s after their pedal and pressure are reported, road wheels 0.06 s after the motor"""
 CROOKED = SimulatedCar(grip_front=1.05, grip_rear=0.86, effects={"steer_offset": -0.006})
 """a rear axle that gives way first, and wheels that point 0.34 degrees to the right of what is reported"""
 IN_THE_BEND = (14.5, 17.5)
@@ -45,10 +45,10 @@ def test_a_steering_zero_that_is_off_is_driven_with_from_the_first_bend_on() -> 
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_forces_that_come_late_are_planned_with_from_the_first_braking_on() -> None:
+def test_inputs_that_come_late_are_planned_with_from_the_first_bends_on() -> None:
     loop = Loop(Config(track="road_course"), simulated=LATE)
     result = loop.run(seconds=25.0)
     assert result.distance_m > 600.0
     assert (result.failsafes, result.off_track, result.spins, result.slides) == ([], 0, 0, 0)
     assert isinstance(loop.planner, Planner)
-    assert loop.planner.adoption.drive_late_s == pytest.approx(0.15, abs=0.02)
+    assert loop.planner.adoption.late == (pytest.approx(0.15, abs=0.02), pytest.approx(0.06, abs=0.03))

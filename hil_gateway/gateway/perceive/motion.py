@@ -147,6 +147,11 @@ class MotionReader:
         self._steered += self._turn_in.follows(dt, speed) * (self._turn_of(acts, speed) - self._steered)
         return self._move(state, speed, course)
 
+    @property
+    def steer_late(self) -> float:
+        """By which the road wheels follow the reported angle, s, as driving has shown."""
+        return self._observer.steer_late
+
     def again(self, state: VehicleState, course: Course | None) -> Motion:
         """Motion of the present period once more: sensors have been found wrong since `step`."""
         return self._move(state, self.motion.speed, course)

@@ -151,8 +151,10 @@ class VehicleStateBuilder:
         """Names of the quantities of the car that begin so."""
         return tuple(name for name in self._codec.signals.reports if name.startswith(prefix))
 
-    def build(self, now_ns: int, ct_state: int, track_flag: int, vehicle_flag: int) -> VehicleState:
-        """State at `now_ns`; flags and ct_state come from race control."""
+    def build(
+        self, now_ns: int, ct_state: int, track_flag: int, vehicle_flag: int, steer_late: float = 0.0
+    ) -> VehicleState:
+        """State at `now_ns`; flags and ct_state come from race control, what is learnt of the steering from driving."""
         sources = self._healths(now_ns)
         newest, imu = self._newest, self._imu
         yaw_rate = newest[imu.yaw_rate]
@@ -176,6 +178,7 @@ class VehicleStateBuilder:
             yaw_rate=yaw_rate,
             roll_rate=newest[imu.roll_rate],
             steer=self._actuation.to_steer(pedals.steering_motor),
+            steer_late=steer_late,
             steer_rate=self._actuation.to_steer(self._steering_rate.of(newest, now_ns)),
             accelerator=accelerator,
             throttle=newest.get("throttle", accelerator),

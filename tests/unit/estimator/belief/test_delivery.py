@@ -74,6 +74,23 @@ def test_brakes_that_act_a_tenth_of_a_second_late_are_no_weak_brakes() -> None:
     assert min(told) > 0.95
 
 
+@pytest.mark.parametrize(("late_s", "low", "high"), [(0.0, 0.0, 0.9), (0.06, 0.99, 1.01)])
+def test_tyres_are_asked_at_the_angle_that_the_road_wheels_have(late_s: float, low: float, high: float) -> None:
+    """A bend that is entered with road wheels 60 ms behind what is reported."""
+    delivery, shares, bend = Delivery(MODEL), [], sample(0.06)
+    angles = [float(bend.signals[3]) - 0.002 * max(20 - i, 0) for i in range(40)]
+    for i, reported in enumerate(angles):
+        signals = bend.signals.copy()
+        signals[3] = angles[max(i - 6, 0)]
+        measured = EVALUATION(signals, NO_AUX, BELIEVED)[0]
+        signals[3] = reported
+        delivery.push(Sample(signals, np.zeros((3, 3)), measured, NO_AUX), BELIEVED, ROLL, late_s)
+        shares.append(now.front if (now := delivery.now()) else None)
+    told = [share for share in shares if share is not None]
+    assert told
+    assert low < min(told) < high
+
+
 def test_locked_wheels_tell_of_the_road_and_not_of_the_brakes() -> None:
     found = seen(sample(0.0, drive=-0.2, cx=0.7), slips=(0.3, 0.0))
     assert found is not None

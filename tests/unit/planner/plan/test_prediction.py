@@ -12,7 +12,7 @@ from hil_gateway.car.car import load_car
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
-from planner.plan.prediction import ActuatorModel, Car, Held, PredictedMoment, Sent, credible, predict
+from planner.plan.prediction import ActuatorModel, Car, Held, Late, PredictedMoment, Sent, credible, predict
 from planner.problem.settings import declared_settings
 
 MS = NS_PER_S // 1000
@@ -42,12 +42,27 @@ def test_prediction_follows_the_first_order_lag() -> None:
 
 
 def test_a_late_drive_command_acts_as_it_was_reported_before() -> None:
-    actuators, late_ns = ActuatorModel(load_car().actuators), 100 * MS
+    actuators, late = ActuatorModel(load_car().actuators), Late(drive=0.1)
     actuators.record(Sent(-NS_PER_S, 0.0, -0.2))
     for at_ns, reported in ((0, 0.0), (50 * MS, -0.1), (100 * MS, -0.2)):
-        then = predict(actuators, _still, PredictedMoment(at_ns, (0.0,) * 6, reported, 0.0), at_ns + 30 * MS, late_ns)
+        then = predict(actuators, _still, PredictedMoment(at_ns, (0.0,) * 6, reported, 0.0), at_ns + 30 * MS, late)
     assert then.drive == pytest.approx(-0.2 * (1.0 - math.exp(-0.03 * 2 * math.pi * 5)), rel=1e-9), "130 - 100 ms"
-    assert actuators.course.at(50 * MS) == -0.1, "what is reported takes the place of what was expected"
+    assert actuators.drive_course.at(50 * MS) == -0.1, "what is reported takes the place of what was expected"
+
+
+def test_late_road_wheels_turn_the_car_as_was_reported_before() -> None:
+    actuators, steered = ActuatorModel(load_car().actuators), []
+
+    def advance(car: Car, held: list[Held]) -> Car:
+        steered.extend(steer for _, steer, _ in held)
+        return car
+
+    for at_ms in range(0, 110, 10):
+        before = PredictedMoment(at_ms * MS, (0.0,) * 6, 0.0, 1e-3 * at_ms)
+        steered.clear()
+        then = predict(actuators, advance, before, (at_ms + 40) * MS, Late(steer=0.06))
+    assert steered == pytest.approx([0.045, 0.055, 0.065, 0.075]), "what was reported 60 ms before"
+    assert then.steer == pytest.approx(0.08)
 
 
 def test_without_any_command_the_actuators_stay() -> None:

@@ -13,7 +13,8 @@ from benchmarks.plans.reference_nlp import ReferenceNlp
 from hil_gateway.car.car import load_car
 from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
-from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, VX, S
+from planner.plan.prediction import AT_ONCE, Late
+from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, S
 from planner.problem.mpcc import OUTPUTS, into_zone
 from planner.problem.settings import declared_settings
 
@@ -67,18 +68,22 @@ def test_linearised_motion_agrees_with_finite_differences(controller: Controller
 
 def test_what_is_sent_and_acts_late_is_no_choice_of_the_plan() -> None:
     made, _ = bench_controller(load_track(), load_car().vehicle, declared_settings(load_car()))
-    start, late_s = start_state(made, 620.0), 0.12
-    sent = np.interp(made.settings.dt * np.arange(made.settings.horizon + 1), [0.0, late_s], [0.0, -0.1])
-    made.take_drive(sent, late_s)
-    plan = made.cold_start(start, clock)
-    drive = plan.z[DRIVE]
-    np.testing.assert_allclose(drive[:3], sent[:3], atol=1e-12)
-    free_s, bound = 3 * made.settings.dt - late_s, made.settings.limits.drive_rate
-    assert 0.0 < abs(drive[3] - sent[3]) <= bound * free_s + 1e-9, "the rest of the interval is free"
-    made.take_drive(0.0 * sent, late_s)
+    start, late = start_state(made, 620.0), Late(0.12, 0.06)
+    times = made.settings.dt * np.arange(made.settings.horizon + 1)
+    sent = np.array([np.interp(times, [0.0, s], [0.0, to]) for s, to in zip(late, (-0.1, 0.01), strict=True)])
+    sent[1] += start[STEER]
+    made.take_sent(sent, late)
+    plan = made.cold_start(start, clock).z
+    rates = made.settings.limits.drive_rate, made.settings.limits.steer_rate
+    for row, acting, late_s, rate in zip(plan[[DRIVE, STEER]], sent, late, rates, strict=True):
+        free = int(late_s / made.settings.dt) + 1
+        np.testing.assert_allclose(row[:free], acting[:free], atol=1e-12)
+        most = rate * (free * made.settings.dt - late_s)
+        assert 0.0 < abs(row[free] - acting[free]) <= most + 1e-9, "the rest of the interval is free"
+    made.take_sent(np.array([0.0 * sent[0], sent[1]]), late)
     coasting = made.cold_start(start, clock).z
-    assert plan.z[VX, 3] < coasting[VX, 3] - 0.3, "brakes that are on their way slow the car"
-    made.take_drive(0.0 * sent, 0.0)
+    assert plan[VX, 3] < coasting[VX, 3] - 0.3, "brakes that are on their way slow the car"
+    made.take_sent(0.0 * sent, AT_ONCE)
     np.testing.assert_array_equal(made.here, made.stages[:, 0])
 
 
