@@ -24,6 +24,7 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from hil_gateway.settings.gateway import PERIOD_S
 
+STEER = SIGNALS.index("steer")
 WINDOW = 10
 """samples, 0.1 s: longer, a car at 60 m/s is out of the bend before it is known; shorter, noise of the yaw
 acceleration is several percent of an axle's force"""
@@ -38,7 +39,6 @@ ROLLING = 0.06
 """slip of braked wheels up to which their tyres hold what the brakes give: half of the slip at the peak"""
 LOCKING = 0.12
 """slip beyond the peak of the tyres along the wheel: what they give there, both axles together, is all there is"""
-STEER = SIGNALS.index("steer")
 CONFIRMED = 3
 """samples on end beyond it before wheels are said to lock: one is noise"""
 

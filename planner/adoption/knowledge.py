@@ -123,7 +123,7 @@ def target_of(revised: RevisedModel, revision: ModelRevision, tyre: TyreNames, r
     response = reserves.front_response
     if response is None or (stated := tyre_covariance(revision)) is None:
         return revised.theta
-    return oversteering(revised.theta, stated, tyre.axles, response, reserves.level)
+    return oversteering(revised.theta, stated, tyre.axles, response)
 
 
 def _one_step(before: TyreKnowledge | None, target: Array, tyre: TyreNames) -> Array:

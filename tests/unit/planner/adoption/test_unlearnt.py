@@ -20,35 +20,29 @@ THETA = np.array([*tyre_prior(load_car(), "per_axle").values()])
 STATED = tyre_covariance(race_car_revision(load_car(), "per_axle"))
 SPREAD = np.hypot(0.2, 0.2)
 """of B front over B rear by the data sheet"""
-LEVEL = 2.5
-"""standard deviations"""
 
 
 def test_front_tyres_count_as_stiffer_by_the_spread_of_the_balance_until_they_answer() -> None:
     assert STATED is not None
-    made = oversteering(THETA, STATED, AXLES, np.inf, LEVEL)
+    made = oversteering(THETA, STATED, AXLES, np.inf)
     assert made[1] == pytest.approx((1.0 + SPREAD) * THETA[1])
     assert np.delete(made, 1).tolist() == np.delete(THETA, 1).tolist()
 
 
 def test_front_tyres_count_as_they_answer_within_the_spread() -> None:
     assert STATED is not None
-    for response in (0.7, 1.1, 1.6):
-        assert oversteering(THETA, STATED, AXLES, response, LEVEL)[1] == pytest.approx(response * THETA[1])
-    assert oversteering(THETA, STATED, AXLES, 0.2, LEVEL)[1] == pytest.approx(THETA[1] / (1.0 + LEVEL * SPREAD))
+    assert oversteering(THETA, STATED, AXLES, 1.1)[1] == pytest.approx(1.1 * THETA[1])
+    assert oversteering(THETA, STATED, AXLES, 0.2)[1] == pytest.approx((1.0 - SPREAD) * THETA[1])
 
 
 def test_a_well_known_model_is_driven_as_it_is() -> None:
     known = np.diag((0.03 * THETA) ** 2)
-    for response in (np.inf, 1.6):
-        assert oversteering(THETA, known, AXLES, response, LEVEL)[1] < 1.11 * THETA[1]
+    assert oversteering(THETA, known, AXLES, np.inf)[1] < 1.05 * THETA[1]
 
 
 def test_tyres_shared_by_both_axles_have_no_balance() -> None:
     shared = THETA[:4]
-    assert (
-        oversteering(shared, np.diag((0.2 * shared) ** 2), ((1, 2, 3),) * 2, np.inf, LEVEL).tolist() == shared.tolist()
-    )
+    assert oversteering(shared, np.diag((0.2 * shared) ** 2), ((1, 2, 3),) * 2, np.inf).tolist() == shared.tolist()
 
 
 def test_every_lap_keeps_back_what_the_first_does() -> None:
